@@ -13,24 +13,6 @@ namespace {
 using json = nlohmann::basic_json<std::map, std::vector, std::string, bool, int64_t, uint64_t, double, std::allocator,
                                   ExactNumbers<nlohmann::adl_serializer>::Serializer>;
 
-json RectToJson(const CellRect& rect) { return {rect.x0, rect.y0, rect.x1, rect.y1}; }
-CellRect RectFromJson(const json& j) { return {j.at(0), j.at(1), j.at(2), j.at(3)}; }
-
-json TileToJson(const TileParameters& t) { return {{"tile", t.tile}, {"core", RectToJson(t.core)}}; }
-TileParameters TileFromJson(const json& j) { return {j.at("tile"), RectFromJson(j.at("core"))}; }
-
-json TilesToJson(const std::vector<TileParameters>& tiles) {
-  json out = json::array();
-  for (const TileParameters& tile : tiles) out.push_back(TileToJson(tile));
-  return out;
-}
-
-std::vector<TileParameters> TilesFromJson(const json& j) {
-  std::vector<TileParameters> tiles;
-  for (const json& tile : j) tiles.push_back(TileFromJson(tile));
-  return tiles;
-}
-
 template <class Value, class Convert>
 StatusOr<Value> Parse(const std::string& text, const Convert& convert) {
   TESSERA_RETURN_IF_ERROR(CheckJsonDepth("task parameters", text));
@@ -39,6 +21,23 @@ StatusOr<Value> Parse(const std::string& text, const Convert& convert) {
   } catch (const json::exception& e) {
     return absl::InvalidArgumentError(std::string("task parameters: ") + e.what());
   }
+}
+
+template <class Value>
+StatusOr<Value> Parse(const std::string& text) {
+  return Parse<Value>(text, [](const json& j) { return j.get<Value>(); });
+}
+
+// Also parses the method settings, of which json does not know the type.
+template <class Value>
+StatusOr<Value> ParseWithSettings(const std::string& text) {
+  std::string settings;
+  TESSERA_ASSIGN_OR_RETURN(Value parameters, Parse<Value>(text, [&settings](const json& j) {
+                             settings = j.at("settings").dump();
+                             return j.get<Value>();
+                           }));
+  TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));
+  return parameters;
 }
 
 }  // namespace
@@ -60,191 +59,201 @@ std::string ViewBordersName(int32_t view) {
   return image.substr(0, image.rfind('.')) + ".borders";
 }
 
-namespace {
+// The conversions that the JSON library finds by the type of their argument.
 
-json IngestToJson(const IngestParameters& p) {
-  json out = json::object();
-  if (p.partners) out["partners"] = *p.partners;
-  if (p.views_per_direction) out["views_per_direction"] = *p.views_per_direction;
-  if (p.classify) out["classify"] = p.by_default_rule ? "default" : "model";
-  return out;
+static void to_json(json& j, const CellRect& rect) { j = {rect.x0, rect.y0, rect.x1, rect.y1}; }
+static void from_json(const json& j, CellRect& rect) { rect = {j.at(0), j.at(1), j.at(2), j.at(3)}; }
+
+static void to_json(json& j, const TileParameters& t) { j = {{"tile", t.tile}, {"core", t.core}}; }
+static void from_json(const json& j, TileParameters& t) { t = {j.at("tile"), j.at("core").get<CellRect>()}; }
+
+static void to_json(json& j, const IngestParameters& p) {
+  j = json::object();
+  if (p.partners) j["partners"] = *p.partners;
+  if (p.views_per_direction) j["views_per_direction"] = *p.views_per_direction;
+  if (p.classify) j["classify"] = p.by_default_rule ? "default" : "model";
+}
+static void from_json(const json& j, IngestParameters& p) {
+  if (j.contains("partners")) p.partners = j.at("partners").get<int>();
+  if (j.contains("views_per_direction")) p.views_per_direction = j.at("views_per_direction").get<int>();
+  p.classify = j.contains("classify");
+  p.by_default_rule = p.classify && j.at("classify").get<std::string>() == "default";
 }
 
-IngestParameters IngestFromJson(const json& j) {
-  IngestParameters parameters;
-  if (j.contains("partners")) parameters.partners = j.at("partners").get<int>();
-  if (j.contains("views_per_direction")) parameters.views_per_direction = j.at("views_per_direction").get<int>();
-  parameters.classify = j.contains("classify");
-  parameters.by_default_rule = parameters.classify && j.at("classify").get<std::string>() == "default";
-  return parameters;
+static void to_json(json& j, const UpdateParameters& p) {
+  j = {{"ingest", p.ingest}, {"withdraw", p.withdraw}, {"all_epochs", p.all_epochs}};
+}
+static void from_json(const json& j, UpdateParameters& p) {
+  j.at("ingest").get_to(p.ingest);
+  j.at("withdraw").get_to(p.withdraw);
+  j.at("all_epochs").get_to(p.all_epochs);
 }
 
-}  // namespace
-
-std::string ToJson(const IngestParameters& p) { return IngestToJson(p).dump(); }
-
-std::string ToJson(const UpdateParameters& p) {
-  return json{{"ingest", IngestToJson(p.ingest)}, {"withdraw", p.withdraw}, {"all_epochs", p.all_epochs}}.dump();
+static void to_json(json& j, const UpdateFiles::Known& known) {
+  j = {{"mesh", known.mesh}, {"content", known.content}};
+  if (!known.classified.empty()) j["classified"] = known.classified;
+}
+static void from_json(const json& j, UpdateFiles::Known& known) {
+  known = {j.at("mesh"), j.at("content"), j.value("classified", std::string())};
 }
 
-std::string ToJson(const UpdateFiles& files) {
-  json known = json::object();
-  for (const auto& [path, of] : files.known) {
-    known[path] = {{"mesh", of.mesh}, {"content", of.content}};
-    if (!of.classified.empty()) known[path]["classified"] = of.classified;
-  }
-  return json{{"known", std::move(known)}, {"carried", files.carried}}.dump();
+static void to_json(json& j, const UpdateFiles& files) {
+  j = {{"known", json::object()}, {"carried", files.carried}};
+  for (const auto& [path, known] : files.known) j["known"][path] = known;
+}
+static void from_json(const json& j, UpdateFiles& files) {
+  for (const auto& [path, known] : j.at("known").items()) known.get_to(files.known[path]);
+  j.at("carried").get_to(files.carried);
 }
 
-std::string ToJson(const CutParameters& p) {
-  json out = {{"tile", TileToJson(p.tile)},
-              {"cores", json::array()},
-              {"window_px", p.window_px},
-              {"coarsest_level", p.coarsest_level}};
-  for (const CellRect& core : p.cores) out["cores"].push_back(RectToJson(core));
-  if (p.borders) out["borders"] = true;
-  return out.dump();
+static void to_json(json& j, const CutParameters& p) {
+  j = {{"tile", p.tile}, {"cores", p.cores}, {"window_px", p.window_px}, {"coarsest_level", p.coarsest_level}};
+  if (p.borders) j["borders"] = true;
+}
+static void from_json(const json& j, CutParameters& p) {
+  j.at("tile").get_to(p.tile);
+  j.at("cores").get_to(p.cores);
+  j.at("window_px").get_to(p.window_px);
+  j.at("coarsest_level").get_to(p.coarsest_level);
+  p.borders = j.contains("borders") && j.at("borders").get<bool>();
 }
 
-std::string ToJson(const ClassifyParameters& p) {
-  return json{{"view", p.view},   {"camera", p.view_json}, {"classes", p.classes_json},   {"up", p.up},
-              {"gsd_m", p.gsd_m}, {"depth_m", p.depth_m},  {"default", p.by_default_rule}}
-      .dump();
+static void to_json(json& j, const ClassifyParameters& p) {
+  j = {{"view", p.view},   {"camera", p.view_json}, {"classes", p.classes_json},   {"up", p.up},
+       {"gsd_m", p.gsd_m}, {"depth_m", p.depth_m},  {"default", p.by_default_rule}};
+}
+static void from_json(const json& j, ClassifyParameters& p) {
+  j.at("view").get_to(p.view);
+  j.at("camera").get_to(p.view_json);
+  j.at("classes").get_to(p.classes_json);
+  j.at("up").get_to(p.up);
+  j.at("gsd_m").get_to(p.gsd_m);
+  j.at("depth_m").get_to(p.depth_m);
+  j.at("default").get_to(p.by_default_rule);
 }
 
-std::string ToJson(const BordersParameters& p) { return json{{"classes", p.classes}, {"views", p.views}}.dump(); }
-
-std::string ToJson(const StartParameters& p) { return json{{"tile", TileToJson(p.tile)}}.dump(); }
-
-std::string ToJson(const RefineParameters& p) {
-  return json{{"rounds", p.rounds}, {"method", p.method}, {"settings", json::parse(ToJson(p.settings))}}.dump();
+static void to_json(json& j, const BordersParameters& p) { j = {{"classes", p.classes}, {"views", p.views}}; }
+static void from_json(const json& j, BordersParameters& p) {
+  j.at("classes").get_to(p.classes);
+  j.at("views").get_to(p.views);
 }
 
-std::string ToJson(const StepParameters& p) {
-  json out = {{"rounds", p.rounds}, {"method", p.method},         {"settings", json::parse(ToJson(p.settings))},
-              {"step", p.step},     {"tile", TileToJson(p.tile)}, {"states", p.states},
-              {"sums", p.sums}};
-  if (p.before) out["before"] = true;
-  if (!p.frozen.empty()) out["held"] = p.frozen;
-  if (p.continues_base) out["goes_on"] = true;
-  if (p.first_new_face >= 0) out["first_new_face"] = p.first_new_face;
-  return out.dump();
+static void to_json(json& j, const StartParameters& p) { j = {{"tile", p.tile}}; }
+static void from_json(const json& j, StartParameters& p) { j.at("tile").get_to(p.tile); }
+
+static void to_json(json& j, const RefineParameters& p) {
+  j = {{"rounds", p.rounds}, {"method", p.method}, {"settings", json::parse(ToJson(p.settings))}};
+}
+static void from_json(const json& j, RefineParameters& p) {
+  j.at("rounds").get_to(p.rounds);
+  j.at("method").get_to(p.method);
 }
 
-std::string ToJson(const TileReads& r) {
-  return json{{"label", r.label}, {"mend", r.repair}, {"sight", r.visibility}, {"solve", r.solve}}.dump();
+static void to_json(json& j, const StepParameters& p) {
+  j = {{"rounds", p.rounds}, {"method", p.method}, {"settings", json::parse(ToJson(p.settings))},
+       {"step", p.step},     {"tile", p.tile},     {"states", p.states},
+       {"sums", p.sums}};
+  if (p.before) j["before"] = true;
+  if (!p.frozen.empty()) j["held"] = p.frozen;
+  if (p.continues_base) j["goes_on"] = true;
+  if (p.first_new_face >= 0) j["first_new_face"] = p.first_new_face;
+}
+static void from_json(const json& j, StepParameters& p) {
+  j.at("rounds").get_to(p.rounds);
+  j.at("method").get_to(p.method);
+  j.at("step").get_to(p.step);
+  p.before = j.value("before", false);
+  j.at("tile").get_to(p.tile);
+  j.at("states").get_to(p.states);
+  j.at("sums").get_to(p.sums);
+  p.frozen = j.value("held", std::vector<int>());
+  p.continues_base = j.value("goes_on", false);
+  p.first_new_face = j.value("first_new_face", int64_t{-1});
+}
+
+static void to_json(json& j, const TileReads& r) {
+  j = {{"label", r.label}, {"mend", r.repair}, {"sight", r.visibility}, {"solve", r.solve}};
+}
+static void from_json(const json& j, TileReads& r) {
+  j.at("label").get_to(r.label);
+  j.at("mend").get_to(r.repair);
+  j.at("sight").get_to(r.visibility);
+  j.at("solve").get_to(r.solve);
+}
+
+static void to_json(json& j, const CompareParameters& p) {
+  j = {{"cells", p.cells}, {"views", p.views}, {"states", p.states}};
+}
+static void from_json(const json& j, CompareParameters& p) {
+  j.at("cells").get_to(p.cells);
+  j.at("views").get_to(p.views);
+  j.at("states").get_to(p.states);
+}
+
+static void to_json(json& j, const ChangesParameters& p) {
+  j = {{"blocks", p.blocks}, {"states", p.states}, {"scene_name", p.scene_name}};
+  if (p.outdated) j["outdated"] = true;
+}
+static void from_json(const json& j, ChangesParameters& p) {
+  j.at("blocks").get_to(p.blocks);
+  j.at("states").get_to(p.states);
+  j.at("scene_name").get_to(p.scene_name);
+  p.outdated = j.value("outdated", false);
+}
+
+static void to_json(json& j, const PublishParameters& p) {
+  j = {{"tiles", p.tiles}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
+  if (!p.kept.empty()) j["kept"] = p.kept;
+  if (p.outdated) j["outdated"] = true;
+  if (!p.quarantined.empty()) j["set_aside"] = p.quarantined;
+  if (p.flip_edges) j["flip_edges"] = true;
+}
+static void from_json(const json& j, PublishParameters& p) {
+  j.at("tiles").get_to(p.tiles);
+  p.kept = j.value("kept", std::vector<int>());
+  j.at("scene_name").get_to(p.scene_name);
+  j.at("warnings").get_to(p.warnings);
+  p.outdated = j.value("outdated", false);
+  p.quarantined = j.value("set_aside", std::vector<int>());
+  p.flip_edges = j.value("flip_edges", false);
 }
 
 std::string ChangeBlockFile(const CellRect& cells) {
   return "changes/" + std::to_string(cells.x0) + "_" + std::to_string(cells.y0) + ".arrays";
 }
 
-std::string ToJson(const CompareParameters& p) {
-  return json{{"cells", RectToJson(p.cells)}, {"views", p.views}, {"states", p.states}}.dump();
-}
+std::string ToJson(const IngestParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const UpdateParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const UpdateFiles& parameters) { return json(parameters).dump(); }
+std::string ToJson(const CutParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const ClassifyParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const BordersParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const StartParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const RefineParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const StepParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const TileReads& parameters) { return json(parameters).dump(); }
+std::string ToJson(const CompareParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const ChangesParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const PublishParameters& parameters) { return json(parameters).dump(); }
 
-std::string ToJson(const ChangesParameters& p) {
-  json blocks = json::array();
-  for (const CellRect& block : p.blocks) blocks.push_back(RectToJson(block));
-  json out = {{"blocks", std::move(blocks)}, {"states", p.states}, {"scene_name", p.scene_name}};
-  if (p.outdated) out["outdated"] = true;
-  return out.dump();
-}
-
-std::string ToJson(const PublishParameters& p) {
-  json out = {{"tiles", TilesToJson(p.tiles)}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
-  if (!p.kept.empty()) out["kept"] = p.kept;
-  if (p.outdated) out["outdated"] = true;
-  if (!p.quarantined.empty()) out["set_aside"] = p.quarantined;
-  if (p.flip_edges) out["flip_edges"] = true;
-  return out.dump();
-}
-
-StatusOr<IngestParameters> ParseIngestParameters(const std::string& text) {
-  return Parse<IngestParameters>(text, IngestFromJson);
-}
-
-StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& text) {
-  return Parse<UpdateParameters>(text, [](const json& j) {
-    return UpdateParameters{IngestFromJson(j.at("ingest")), j.at("withdraw").get<std::vector<std::string>>(),
-                            j.at("all_epochs")};
-  });
-}
-
-StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& text) {
-  return Parse<UpdateFiles>(text, [](const json& j) {
-    UpdateFiles files;
-    for (const auto& [path, of] : j.at("known").items()) {
-      files.known[path] = {of.at("mesh"), of.at("content"), of.value("classified", std::string())};
-    }
-    j.at("carried").get_to(files.carried);
-    return files;
-  });
-}
-
-StatusOr<CutParameters> ParseCutParameters(const std::string& text) {
-  return Parse<CutParameters>(text, [](const json& j) {
-    CutParameters p = {TileFromJson(j.at("tile")), {}, j.at("window_px"), j.at("coarsest_level")};
-    for (const json& core : j.at("cores")) p.cores.push_back(RectFromJson(core));
-    p.borders = j.contains("borders") && j.at("borders").get<bool>();
-    return p;
-  });
-}
-
+StatusOr<IngestParameters> ParseIngestParameters(const std::string& text) { return Parse<IngestParameters>(text); }
+StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& text) { return Parse<UpdateParameters>(text); }
+StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& text) { return Parse<UpdateFiles>(text); }
+StatusOr<CutParameters> ParseCutParameters(const std::string& text) { return Parse<CutParameters>(text); }
 StatusOr<ClassifyParameters> ParseClassifyParameters(const std::string& text) {
-  return Parse<ClassifyParameters>(text, [](const json& j) {
-    ClassifyParameters p;
-    p.view = j.at("view");
-    p.view_json = j.at("camera").get<std::string>();
-    p.classes_json = j.at("classes").get<std::string>();
-    p.up = j.at("up").get<std::vector<double>>();
-    p.gsd_m = j.at("gsd_m");
-    p.depth_m = j.at("depth_m");
-    p.by_default_rule = j.at("default");
-    return p;
-  });
+  return Parse<ClassifyParameters>(text);
 }
-
-StatusOr<BordersParameters> ParseBordersParameters(const std::string& text) {
-  return Parse<BordersParameters>(text, [](const json& j) {
-    return BordersParameters{j.at("classes"), j.at("views").get<std::vector<int32_t>>()};
-  });
-}
-
-StatusOr<StartParameters> ParseStartParameters(const std::string& text) {
-  return Parse<StartParameters>(text, [](const json& j) { return StartParameters{TileFromJson(j.at("tile"))}; });
-}
-
+StatusOr<BordersParameters> ParseBordersParameters(const std::string& text) { return Parse<BordersParameters>(text); }
+StatusOr<StartParameters> ParseStartParameters(const std::string& text) { return Parse<StartParameters>(text); }
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& text) {
-  std::string settings;
-  TESSERA_ASSIGN_OR_RETURN(RefineParameters parameters, Parse<RefineParameters>(text, [&settings](const json& j) {
-                             settings = j.at("settings").dump();
-                             return RefineParameters{j.at("rounds"), j.at("method").get<std::string>()};
-                           }));
-  TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));
-  return parameters;
+  return ParseWithSettings<RefineParameters>(text);
 }
-
 StatusOr<StepParameters> ParseStepParameters(const std::string& text) {
-  std::string settings;
-  TESSERA_ASSIGN_OR_RETURN(StepParameters parameters, Parse<StepParameters>(text, [&settings](const json& j) {
-                             settings = j.at("settings").dump();
-                             StepParameters p;
-                             p.rounds = j.at("rounds");
-                             p.method = j.at("method").get<std::string>();
-                             p.step = j.at("step");
-                             p.before = j.value("before", false);
-                             p.tile = TileFromJson(j.at("tile"));
-                             p.states = j.at("states").get<std::vector<int>>();
-                             p.sums = j.at("sums").get<std::vector<int>>();
-                             p.frozen = j.value("held", std::vector<int>());
-                             p.continues_base = j.value("goes_on", false);
-                             p.first_new_face = j.value("first_new_face", int64_t{-1});
-                             return p;
-                           }));
-  TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));
-  return parameters;
+  return ParseWithSettings<StepParameters>(text);
 }
+StatusOr<CompareParameters> ParseCompareParameters(const std::string& text) { return Parse<CompareParameters>(text); }
+StatusOr<ChangesParameters> ParseChangesParameters(const std::string& text) { return Parse<ChangesParameters>(text); }
+StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) { return Parse<PublishParameters>(text); }
 
 StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles) {
   const auto fault = [](const std::string& found) {
@@ -253,11 +262,7 @@ StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles)
   TESSERA_RETURN_IF_ERROR(CheckJsonDepth(kReadsFile, text));
   TileReads reads;
   try {
-    const json j = json::parse(text);
-    j.at("label").get_to(reads.label);
-    j.at("mend").get_to(reads.repair);
-    j.at("sight").get_to(reads.visibility);
-    j.at("solve").get_to(reads.solve);
+    json::parse(text).get_to(reads);
   } catch (const json::exception& e) {
     return fault(e.what());
   }
@@ -284,33 +289,6 @@ StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles)
   TESSERA_RETURN_IF_ERROR(check("sight", reads.visibility));
   TESSERA_RETURN_IF_ERROR(check("solve", reads.solve));
   return reads;
-}
-
-StatusOr<CompareParameters> ParseCompareParameters(const std::string& text) {
-  return Parse<CompareParameters>(text, [](const json& j) {
-    return CompareParameters{RectFromJson(j.at("cells")), j.at("views").get<std::vector<int32_t>>(),
-                             j.at("states").get<std::vector<int>>()};
-  });
-}
-
-StatusOr<ChangesParameters> ParseChangesParameters(const std::string& text) {
-  return Parse<ChangesParameters>(text, [](const json& j) {
-    ChangesParameters p;
-    for (const json& block : j.at("blocks")) p.blocks.push_back(RectFromJson(block));
-    j.at("states").get_to(p.states);
-    j.at("scene_name").get_to(p.scene_name);
-    p.outdated = j.value("outdated", false);
-    return p;
-  });
-}
-
-StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) {
-  return Parse<PublishParameters>(text, [](const json& j) {
-    return PublishParameters{TilesFromJson(j.at("tiles")), j.value("kept", std::vector<int>()),
-                             j.at("scene_name"),           j.at("warnings").get<std::vector<std::string>>(),
-                             j.value("outdated", false),   j.value("set_aside", std::vector<int>()),
-                             j.value("flip_edges", false)};
-  });
 }
 
 }  // namespace tessera
