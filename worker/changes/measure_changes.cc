@@ -5,10 +5,10 @@
 #include <cmath>
 #include <limits>
 
-#include "common/base/parallel.h"
 #include "worker/changes/block_labels.h"
 #include "worker/changes/ground_match.h"
 #include "worker/changes/surface_raster.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -335,11 +335,9 @@ ChangeRaster MeasureChanges(const MeshSpans& old_mesh, const GroundPlane& ground
   const TopSurface surface(old_mesh, ground);
   const std::vector<CellRect> blocks = Blocks(cells);
   ChangeRaster raster(cells, ground.cell_m);
-  ParallelFor(static_cast<int64_t>(blocks.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t b = begin; b < end; ++b) {
-      BlockMeasurer measurer(surface, ground, blocks[b], views, classes, gsd_m, options);
-      CopyCells(measurer.Measure(), blocks[b], &raster);  // thread-safe: blocks share no cell
-    }
+  ParallelForEach(blocks.size(), 1, [&](int64_t b) {
+    BlockMeasurer measurer(surface, ground, blocks[b], views, classes, gsd_m, options);
+    CopyCells(measurer.Measure(), blocks[b], &raster);  // thread-safe: blocks share no cell
   });
   return raster;
 }

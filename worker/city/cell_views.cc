@@ -4,8 +4,8 @@
 #include <cmath>
 #include <limits>
 
-#include "common/base/parallel.h"
 #include "worker/city/view_box.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -113,12 +113,10 @@ Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellVie
     const auto faces_of = FacesOfCells(block, survey->ground);
     std::vector<std::pair<SurveyCell*, const std::vector<uint32_t>*>> cells;
     for (const auto& [at, faces] : faces_of) cells.emplace_back(cell_at.at(at), &faces);
-    ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t c = begin; c < end; ++c) {
-        if (!control.Check().ok()) return;
-        cells[c].first->views =
-            ChooseViewsOfCell(block.mesh, *cells[c].second, occlusion, centres, candidates, *survey, options);
-      }
+    ParallelForEach(cells.size(), 1, [&](int64_t c) {
+      if (!control.Check().ok()) return;
+      cells[c].first->views =
+          ChooseViewsOfCell(block.mesh, *cells[c].second, occlusion, centres, candidates, *survey, options);
     });
   }
   return control.Check();

@@ -2,10 +2,10 @@
 #include <array>
 #include <cmath>
 
-#include "common/base/parallel.h"
 #include "worker/city/disk_mesh.h"
 #include "worker/city/id_merge.h"
 #include "worker/city/view_box.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -60,21 +60,19 @@ std::vector<double> PredictParts(const TriangleMesh& mesh, const std::vector<Pos
                                  const DensityOptions& density) {
   const double limit_px2 = density.max_footprint_px2 * 4 / std::sqrt(3.0);
   std::vector<double> parts(mesh.faces.size(), 1);
-  ParallelFor(static_cast<int64_t>(parts.size()), kPartsGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      double longest_px2 = 0;
-      for (const PosedCamera& camera : cameras) {
-        std::array<Eigen::Vector3d, 3> p;
-        for (int k = 0; k < 3; ++k) p[k] = camera.Project(mesh.Corner(f, k));
-        for (int k = 0; k < 3; ++k) {
-          if (!camera.InImage(p[k]) || !camera.InImage(p[(k + 1) % 3])) continue;
-          longest_px2 = std::max(longest_px2, (p[k] - p[(k + 1) % 3]).head<2>().squaredNorm());
-        }
+  ParallelForEach(parts.size(), kPartsGrain, [&](int64_t f) {
+    double longest_px2 = 0;
+    for (const PosedCamera& camera : cameras) {
+      std::array<Eigen::Vector3d, 3> p;
+      for (int k = 0; k < 3; ++k) p[k] = camera.Project(mesh.Corner(f, k));
+      for (int k = 0; k < 3; ++k) {
+        if (!camera.InImage(p[k]) || !camera.InImage(p[(k + 1) % 3])) continue;
+        longest_px2 = std::max(longest_px2, (p[k] - p[(k + 1) % 3]).head<2>().squaredNorm());
       }
-      if (longest_px2 > limit_px2) {
-        const double rounds = std::ceil(0.5 * std::log2(longest_px2 / limit_px2));
-        parts[f] = std::exp2(2 * std::min<double>(rounds, density.max_rounds));
-      }
+    }
+    if (longest_px2 > limit_px2) {
+      const double rounds = std::ceil(0.5 * std::log2(longest_px2 / limit_px2));
+      parts[f] = std::exp2(2 * std::min<double>(rounds, density.max_rounds));
     }
   });
   return parts;

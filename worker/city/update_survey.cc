@@ -7,9 +7,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "common/base/parallel.h"
 #include "worker/city/collected_faces.h"
 #include "worker/city/view_box.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -366,16 +366,14 @@ Status UpdateViewSelection(const CityReader& city, const ViewChanges& changes, b
       const size_t c = cell_at.at(at);
       if (touched[c]) cells.emplace_back(&survey->cells[c], &of_cell);
     }
-    ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t c = begin; c < end; ++c) {
-        if (!control.Check().ok()) return;
-        std::vector<int32_t> views =
-            ChooseViewsOfCell(block.mesh, *cells[c].second, occlusion, centres, candidates[i], *survey, options);
-        std::vector<int32_t>& known = cells[c].first->views;
-        if (IsRevised(*survey, cells[c].first->x, cells[c].first->y) || AnyChanged(views, changes.changed) ||
-            AnyChanged(known, changes.changed)) {
-          known = std::move(views);
-        }
+    ParallelForEach(cells.size(), 1, [&](int64_t c) {
+      if (!control.Check().ok()) return;
+      std::vector<int32_t> views =
+          ChooseViewsOfCell(block.mesh, *cells[c].second, occlusion, centres, candidates[i], *survey, options);
+      std::vector<int32_t>& known = cells[c].first->views;
+      if (IsRevised(*survey, cells[c].first->x, cells[c].first->y) || AnyChanged(views, changes.changed) ||
+          AnyChanged(known, changes.changed)) {
+        known = std::move(views);
       }
     });
   }

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "common/base/parallel.h"
 #include "worker/label/block_descent.h"
 #include "worker/label/field_graph.h"
 #include "worker/label/messages.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -25,10 +25,8 @@ int32_t IndexOfLeast(const float* values, int count) {
 // Labels of least belief, indexed by undecided number.
 std::vector<int32_t> LabelsOfBeliefs(const UndecidedField& undecided, const Messages& messages) {
   std::vector<int32_t> labels(undecided.size());
-  ParallelFor(static_cast<int64_t>(undecided.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      labels[i] = IndexOfLeast(&messages.beliefs[i * undecided.lanes], undecided.classes);
-    }
+  ParallelForEach(undecided.size(), kGrain, [&](int64_t i) {
+    labels[i] = IndexOfLeast(&messages.beliefs[i * undecided.lanes], undecided.classes);
   });
   return labels;
 }
@@ -75,15 +73,13 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
   for (size_t i = 0; i < labels.size(); ++i) result.labels[undecided.faces[i]] = labels[i];
   result.energy = LabelEnergy(field, result.labels);
 
-  ParallelFor(faces, kGrain, [&](int64_t first, int64_t end) {
-    for (int64_t f = first; f < end; ++f) {
-      float* belief = &result.beliefs[f * classes];
-      float& own = belief[result.labels[f]];
-      const int32_t least = IndexOfLeast(belief, classes);
-      if (least != result.labels[f]) own = belief[least] - kLabelMargin;
-      const float lowest = own;
-      for (int l = 0; l < classes; ++l) belief[l] -= lowest;
-    }
+  ParallelForEach(faces, kGrain, [&](int64_t f) {
+    float* belief = &result.beliefs[f * classes];
+    float& own = belief[result.labels[f]];
+    const int32_t least = IndexOfLeast(belief, classes);
+    if (least != result.labels[f]) own = belief[least] - kLabelMargin;
+    const float lowest = own;
+    for (int l = 0; l < classes; ++l) belief[l] -= lowest;
   });
   return result;
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -29,22 +30,20 @@ LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>
   LabelField field;
   field.classes = class_count;
   field.unary.resize(face_count * class_count);
-  ParallelFor(face_count, kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      const Eigen::Vector3d cross = FaceCross(mesh, f);
-      const double area_m2 = 0.5 * cross.norm();
-      const double angle_rad = std::acos(std::clamp(cross.stableNormalized().dot(up), -1.0, 1.0));
-      const double pixels = likelihoods.pixels[f];
-      const double data_weight = paper ? 1 : area_m2 / unit_area_m2;
-      const double unsure = options.unsure_pixels * area_m2 / unit_area_m2;
-      const double prior_weight = options.prior_weight * (paper ? area_m2 : area_m2 / unit_area_m2);
-      for (int l = 0; l < class_count; ++l) {
-        const double sum = likelihoods.sum[f * class_count + l];
-        const double p = paper ? sum : (sum + unsure) / (pixels + unsure);
-        const double data = pixels > 0 ? -std::log(std::max(p, options.floor)) : 0;
-        const double prior = ViolatesPrior(classes[l], angle_rad) ? prior_weight : 0;
-        field.unary[f * class_count + l] = static_cast<float>(data_weight * data + prior);
-      }
+  ParallelForEach(face_count, kGrain, [&](int64_t f) {
+    const Eigen::Vector3d cross = FaceCross(mesh, f);
+    const double area_m2 = 0.5 * cross.norm();
+    const double angle_rad = std::acos(std::clamp(cross.stableNormalized().dot(up), -1.0, 1.0));
+    const double pixels = likelihoods.pixels[f];
+    const double data_weight = paper ? 1 : area_m2 / unit_area_m2;
+    const double unsure = options.unsure_pixels * area_m2 / unit_area_m2;
+    const double prior_weight = options.prior_weight * (paper ? area_m2 : area_m2 / unit_area_m2);
+    for (int l = 0; l < class_count; ++l) {
+      const double sum = likelihoods.sum[f * class_count + l];
+      const double p = paper ? sum : (sum + unsure) / (pixels + unsure);
+      const double data = pixels > 0 ? -std::log(std::max(p, options.floor)) : 0;
+      const double prior = ViolatesPrior(classes[l], angle_rad) ? prior_weight : 0;
+      field.unary[f * class_count + l] = static_cast<float>(data_weight * data + prior);
     }
   });
 

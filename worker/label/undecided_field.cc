@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -82,12 +83,10 @@ UndecidedField MakeUndecidedField(const LabelField& field, const FieldGraph& gra
   undecided.lanes = (field.classes + UndecidedField::kLanes - 1) / UndecidedField::kLanes * UndecidedField::kLanes;
   NumberFaces(field, decided, &undecided);
   undecided.cost.resize(undecided.size() * undecided.lanes);
-  ParallelFor(static_cast<int64_t>(undecided.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      float* cost = &undecided.cost[i * undecided.lanes];
-      std::fill_n(cost, undecided.lanes, UndecidedField::kNever);
-      FoldDecided(field, graph, decided, undecided.faces[i], cost);
-    }
+  ParallelForEach(undecided.size(), kGrain, [&](int64_t i) {
+    float* cost = &undecided.cost[i * undecided.lanes];
+    std::fill_n(cost, undecided.lanes, UndecidedField::kNever);
+    FoldDecided(field, graph, decided, undecided.faces[i], cost);
   });
 
   undecided.offsets.assign(1, 0);

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <utility>
 
-#include "common/base/parallel.h"
 #include "worker/photo/contour_profile.h"
 #include "worker/visibility/image_window.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -64,12 +64,10 @@ Status DataTerm::EnterLevel(int level) {
   photo_.reset();
   views_.assign(problem_views_.size(), PhotoView());
   std::vector<Status> read(views_.size());
-  ParallelFor(static_cast<int64_t>(views_.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      StatusOr<PhotoView> view = MakePhotoView(problem_views_[i], level, semantic);
-      read[i] = view.status();
-      if (view.ok()) views_[i] = *std::move(view);
-    }
+  ParallelForEach(views_.size(), 1, [&](int64_t i) {
+    StatusOr<PhotoView> view = MakePhotoView(problem_views_[i], level, semantic);
+    read[i] = view.status();
+    if (view.ok()) views_[i] = *std::move(view);
   });
   for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
   photo_ = std::make_unique<PhotoTerm>(&views_, pairs_, MakePhotoOptions(options_), &groups_);

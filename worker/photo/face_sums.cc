@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <atomic>
 
-#include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 
@@ -138,15 +138,13 @@ void FaceGatherer::Finish(std::vector<FaceSums>* sums) {
   // Faces in a single strip are added directly. Parts of faces in several strips are added in the order of the
   // strips.
   std::vector<std::vector<Part>> shared(parts_.size());
-  ParallelFor(static_cast<int64_t>(parts_.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t s = begin; s < end; ++s) {
-      for (const Part& part : parts_[s]) {
-        if (strips_of_face_[part.face] > 1) {
-          shared[s].push_back(part);
-        } else {
-          Add(part.sums, part.pixels, &(*sums)[part.face]);
-          strips_of_face_[part.face] = 0;
-        }
+  ParallelForEach(parts_.size(), 1, [&](int64_t s) {
+    for (const Part& part : parts_[s]) {
+      if (strips_of_face_[part.face] > 1) {
+        shared[s].push_back(part);
+      } else {
+        Add(part.sums, part.pixels, &(*sums)[part.face]);
+        strips_of_face_[part.face] = 0;
       }
     }
   });

@@ -8,7 +8,7 @@
 #include <set>
 #include <utility>
 
-#include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -134,12 +134,10 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
   const int views = static_cast<int>(cameras.size());
   // Sparse: a view of a city sees few of its samples and shares them with few views.
   std::vector<std::vector<SeenSample>> seen(views);
-  ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      for (uint32_t s = 0; s < samples.size(); ++s) {
-        const SampleView sample_view = Look(samples[s], cameras[i]);
-        if (sample_view.footprint_m > 0) seen[i].push_back({s, sample_view});
-      }
+  ParallelForEach(views, 1, [&](int64_t i) {
+    for (uint32_t s = 0; s < samples.size(); ++s) {
+      const SampleView sample_view = Look(samples[s], cameras[i]);
+      if (sample_view.footprint_m > 0) seen[i].push_back({s, sample_view});
     }
   });
   std::vector<std::vector<Seeing>> views_of_sample(samples.size());
@@ -150,26 +148,24 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
   const PairQuality quality_of(options);
   const double least_gain = 1e-3 * static_cast<double>(samples.size()) / std::max(views, 1);
   std::vector<std::vector<int>> chosen(views);
-  ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      if (!choosers.empty() && !choosers[i]) continue;
-      std::vector<int> place(views, -1);  // position among the candidates
-      std::vector<Candidate> candidates;
-      for (size_t s = 0; s < seen[i].size(); ++s) {
-        for (const Seeing& other : views_of_sample[seen[i][s].sample]) {
-          if (other.view == i) continue;
-          const double quality = quality_of(seen[i][s].sample_view, other.sample_view);
-          if (quality == 0) continue;
-          int& at = place[other.view];
-          if (at < 0) {
-            at = static_cast<int>(candidates.size());
-            candidates.emplace_back().view = other.view;
-          }
-          candidates[at].quality.emplace_back(static_cast<uint32_t>(s), quality);
+  ParallelForEach(views, 1, [&](int64_t i) {
+    if (!choosers.empty() && !choosers[i]) return;
+    std::vector<int> place(views, -1);  // position among the candidates
+    std::vector<Candidate> candidates;
+    for (size_t s = 0; s < seen[i].size(); ++s) {
+      for (const Seeing& other : views_of_sample[seen[i][s].sample]) {
+        if (other.view == i) continue;
+        const double quality = quality_of(seen[i][s].sample_view, other.sample_view);
+        if (quality == 0) continue;
+        int& at = place[other.view];
+        if (at < 0) {
+          at = static_cast<int>(candidates.size());
+          candidates.emplace_back().view = other.view;
         }
+        candidates[at].quality.emplace_back(static_cast<uint32_t>(s), quality);
       }
-      chosen[i] = ChooseGreedily(std::move(candidates), seen[i].size(), options.partners, least_gain);
     }
+    chosen[i] = ChooseGreedily(std::move(candidates), seen[i].size(), options.partners, least_gain);
   });
 
   std::set<std::pair<int, int>> ordered;

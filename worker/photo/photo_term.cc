@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 #include "worker/visibility/visible_cells.h"
 
 namespace tessera {
@@ -32,9 +33,7 @@ Matrix3d Calibration(const PinholeCamera& k) {
 template <class Body>
 void ForFaces(const MeshPart& part, const Body& body) {
   for (const auto& [first, last] : part.faces) {
-    ParallelFor(last - first, kFaceGrain, [&, base = static_cast<int64_t>(first)](int64_t begin, int64_t end) {
-      for (int64_t f = base + begin; f < base + end; ++f) body(f);
-    });
+    ParallelForEach(last - first, kFaceGrain, [&, base = int64_t{first}](int64_t f) { body(base + f); });
   }
 }
 
@@ -168,30 +167,26 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
     references_[view].texels = std::move(buffers.reference_texels);
   }
   rasterizer_.DrawParts(mesh, parts, windows, &drawn_);
-  ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      const size_t view = open[i];
-      if (!views_[view].stored) continue;
-      views_[view].stored->Bring(target_rects_[view], &views_[view].texels);
-      if (IsNarrow(view)) views_[view].stored->Bring(reference_rects_[view], &references_[view].texels);
-    }
+  ParallelForEach(open.size(), 1, [&](int64_t i) {
+    const size_t view = open[i];
+    if (!views_[view].stored) return;
+    views_[view].stored->Bring(target_rects_[view], &views_[view].texels);
+    if (IsNarrow(view)) views_[view].stored->Bring(reference_rects_[view], &references_[view].texels);
   });
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];
     if (groups_ != nullptr) MarkNotSelected(*groups_, view, &drawn_[i]);
     SetWarpTarget(views_[view].texels, drawn_[i], views_[view].depths, &targets_[view]);
   }
-  ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      const size_t view = open[i];
-      if (IsNarrow(view)) {
-        CropFaceMap(drawn_[i], reference_rects_[view], &maps_[view]);
-      } else {
-        std::swap(drawn_[i], maps_[view]);
-      }
-      if (visit) visit(view, ReferenceOf(view), maps_[view]);
-      if (!own.empty()) KeepNearOwn(own, 2 * options_.window.radius, &maps_[view]);
+  ParallelForEach(open.size(), 1, [&](int64_t i) {
+    const size_t view = open[i];
+    if (IsNarrow(view)) {
+      CropFaceMap(drawn_[i], reference_rects_[view], &maps_[view]);
+    } else {
+      std::swap(drawn_[i], maps_[view]);
     }
+    if (visit) visit(view, ReferenceOf(view), maps_[view]);
+    if (!own.empty()) KeepNearOwn(own, 2 * options_.window.radius, &maps_[view]);
   });
 }
 
@@ -281,11 +276,9 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   FindWork(mesh, own, cells);
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());
-  ParallelFor(static_cast<int64_t>(mesh.faces.size()), kFaceGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      normals_[f] = FaceNormal(mesh, f);
-      plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
-    }
+  ParallelForEach(mesh.faces.size(), kFaceGrain, [&](int64_t f) {
+    normals_[f] = FaceNormal(mesh, f);
+    plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
   });
   out->faces.assign(mesh.faces.size(), FaceSums());
   out->sums = ZnccSums();

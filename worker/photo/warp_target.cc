@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 #include "worker/visibility/view_groups.h"
 
 namespace tessera {
@@ -40,21 +41,19 @@ void SetWarpTarget(const Texels& texels, const FaceMap& map, const DepthRange& r
   target->depth_min = held.near_m;
   target->depth_step = std::max((held.far_m - held.near_m) / 65532, std::numeric_limits<float>::min());
   const float minimum = target->depth_min, per_depth = 1 / target->depth_step;
-  ParallelFor(map.height, kRows, [&](int64_t begin, int64_t end) {
-    for (int64_t y = begin; y < end; ++y) {
-      const size_t row = texels.Index(0, static_cast<int>(y));
-      const uint16_t* luminance = &texels.luminance[row];
-      uint32_t* out = &target->packed[row];
-      const float* depth = map.depth.data() + static_cast<size_t>(y) * map.width;
-      const int32_t* face = map.face.data() + static_cast<size_t>(y) * map.width;
-      for (int x = 0; x < map.width; ++x) {
-        const float steps = std::clamp((depth[x] - minimum) * per_depth, -1.0f, 65534.0f);
-        const int32_t code = 1 + static_cast<int32_t>(steps);
-        const uint32_t looked_at = face[x] == kNotSelected ? 0 : luminance[x];
-        out[x] = looked_at | static_cast<uint32_t>(code) << 16;
-      }
-      std::fill(out + map.width, out + texels.stride, 0u);
+  ParallelForEach(map.height, kRows, [&](int64_t y) {
+    const size_t row = texels.Index(0, static_cast<int>(y));
+    const uint16_t* luminance = &texels.luminance[row];
+    uint32_t* out = &target->packed[row];
+    const float* depth = map.depth.data() + static_cast<size_t>(y) * map.width;
+    const int32_t* face = map.face.data() + static_cast<size_t>(y) * map.width;
+    for (int x = 0; x < map.width; ++x) {
+      const float steps = std::clamp((depth[x] - minimum) * per_depth, -1.0f, 65534.0f);
+      const int32_t code = 1 + static_cast<int32_t>(steps);
+      const uint32_t looked_at = face[x] == kNotSelected ? 0 : luminance[x];
+      out[x] = looked_at | static_cast<uint32_t>(code) << 16;
     }
+    std::fill(out + map.width, out + texels.stride, 0u);
   });
 }
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -110,12 +110,10 @@ SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamer
   for (int round = 0; round < options.max_rounds; ++round) {
     const EdgeTable table = MakeEdges(out.mesh.faces);
     std::vector<uint32_t> midpoint(table.edges.size(), kNone);
-    ParallelFor(static_cast<int64_t>(table.edges.size()), kGrain, [&](int64_t begin, int64_t end) {
-      for (int64_t e = begin; e < end; ++e) {
-        const Vector3d &a = out.mesh.vertices[table.edges[e].low], &b = out.mesh.vertices[table.edges[e].high];
-        const std::optional<bool> told = rule ? rule(table.edges[e].low, table.edges[e].high) : std::nullopt;
-        if (told ? *told : LongestSquaredPx(a, b, cameras) > limit_px2) midpoint[e] = 0;
-      }
+    ParallelForEach(table.edges.size(), kGrain, [&](int64_t e) {
+      const Vector3d &a = out.mesh.vertices[table.edges[e].low], &b = out.mesh.vertices[table.edges[e].high];
+      const std::optional<bool> told = rule ? rule(table.edges[e].low, table.edges[e].high) : std::nullopt;
+      if (told ? *told : LongestSquaredPx(a, b, cameras) > limit_px2) midpoint[e] = 0;
     });
     bool any = false;
     for (size_t e = 0; e < table.edges.size(); ++e) {

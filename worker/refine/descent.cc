@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 
@@ -15,13 +15,6 @@ using Eigen::Vector3f;
 namespace {
 
 constexpr int64_t kGrain = 4096;
-
-template <class Body>
-void ForEach(size_t count, const Body& body) {
-  ParallelFor(static_cast<int64_t>(count), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) body(static_cast<size_t>(i));
-  });
-}
 
 Vector3d CrossAt(const Triangle& t, const std::vector<Vector3d>& at) {
   return (at[t[1]] - at[t[0]]).cross(at[t[2]] - at[t[0]]);
@@ -57,7 +50,7 @@ std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const CsrRows&
                                         const std::vector<uint8_t>& fixed, int steps) {
   // In a closed fan every neighbour is a corner of exactly two faces.
   std::vector<uint8_t> moves(mesh.vertices.size());
-  ForEach(mesh.vertices.size(), [&](size_t v) {
+  ParallelForEach(mesh.vertices.size(), kGrain, [&](size_t v) {
     if (!fixed.empty() && fixed[v]) return;
     std::vector<uint32_t> ring;
     for (uint32_t f : faces_of_vertex[v]) {
@@ -74,7 +67,7 @@ std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const CsrRows&
   });
   std::vector<Vector3d> at = mesh.vertices, next = at;
   for (int step = 0; step < steps; ++step) {
-    ForEach(at.size(), [&](size_t v) {
+    ParallelForEach(at.size(), kGrain, [&](size_t v) {
       if (!moves[v]) return;
       Vector3d sum = Vector3d::Zero();
       for (uint32_t f : faces_of_vertex[v]) {
@@ -108,10 +101,11 @@ MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& 
       start_(start.vertices) {
   smoothed_ = SmoothedPositions(start, faces_of_vertex_, boundary, limits.start_smoothing_steps);
   start_normals_.resize(faces_.size());
-  ForEach(faces_.size(),
-          [&](size_t f) { start_normals_[f] = CrossAt(faces_[f], smoothed_).stableNormalized().cast<float>(); });
+  ParallelForEach(faces_.size(), kGrain, [&](size_t f) {
+    start_normals_[f] = CrossAt(faces_[f], smoothed_).stableNormalized().cast<float>();
+  });
   vertex_normals_.resize(start_.size());
-  ForEach(start_.size(), [&](size_t v) {
+  ParallelForEach(start_.size(), kGrain, [&](size_t v) {
     Vector3d sum = Vector3d::Zero();
     for (uint32_t f : faces_of_vertex_[v]) sum += CrossAt(faces_[f], smoothed_);
     vertex_normals_[v] = sum.stableNormalized().cast<float>();
@@ -140,7 +134,7 @@ Vector3d MotionGuard::Braked(size_t v, const Vector3d& at, const Vector3d& step)
 }
 
 void MotionGuard::LimitDisplacement(const Positions& at, Positions* step) const {
-  ForEach(at.size(), [&](size_t v) { (*step)[v] = Braked(v, at[v], (*step)[v]); });
+  ParallelForEach(at.size(), kGrain, [&](size_t v) { (*step)[v] = Braked(v, at[v], (*step)[v]); });
 }
 
 bool MotionGuard::KeepsOrientation(uint32_t face, const Positions& from, const Positions& to) const {
@@ -190,7 +184,7 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
     return facing * std::sqrt(before2) < before.dot(normal) * length;
   };
   std::vector<uint8_t> folded(faces_.size());
-  ForEach(faces_.size(), [&](size_t f) { folded[f] = folds(static_cast<uint32_t>(f)); });
+  ParallelForEach(faces_.size(), kGrain, [&](size_t f) { folded[f] = folds(static_cast<uint32_t>(f)); });
   std::vector<uint32_t> bad, touched;
   for (uint32_t f = 0; f < folded.size(); ++f) {
     if (folded[f]) bad.push_back(f);
@@ -235,7 +229,7 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
     for (uint32_t v : vertices) changed[v] = 0;
     std::sort(touched.begin(), touched.end());
     touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
-    ForEach(touched.size(), [&](size_t i) { folded[touched[i]] = folds(touched[i]); });
+    ParallelForEach(touched.size(), kGrain, [&](size_t i) { folded[touched[i]] = folds(touched[i]); });
     bad.clear();
     for (uint32_t f : touched) {
       if (folded[f]) bad.push_back(f);

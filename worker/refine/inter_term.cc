@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -166,25 +167,21 @@ double InterTerm::Energy(const Positions& v, const std::vector<float>& pairs) co
 void InterTerm::AddGradient(const Positions& v, double weight, const std::vector<float>& pairs,
                             Positions* gradient) const {
   std::vector<std::pair<Vector3d, Vector3d>> derivatives(corners_.size());
-  ParallelFor(static_cast<int64_t>(corners_.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t c = begin; c < end; ++c) {
-      derivatives[c] = Counts(c, pairs) ? EndDerivatives(TurnAt(v, corners_[c])) : EndDerivatives(BorderCorner());
-    }
+  ParallelForEach(corners_.size(), kGrain, [&](int64_t c) {
+    derivatives[c] = Counts(c, pairs) ? EndDerivatives(TurnAt(v, corners_[c])) : EndDerivatives(BorderCorner());
   });
-  ParallelFor(static_cast<int64_t>(incidence_.vertices.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      Vector3d sum = Vector3d::Zero();
-      for (uint32_t e = incidence_.begin[i]; e < incidence_.begin[i + 1]; ++e) {
-        const auto& [at1, at2] = derivatives[incidence_.entries[e] / 3];
-        const uint32_t role = incidence_.entries[e] % 3;
-        if (role == 0) {
-          sum -= at1 + at2;
-        } else {
-          sum += role == 1 ? at1 : at2;
-        }
+  ParallelForEach(incidence_.vertices.size(), kGrain, [&](int64_t i) {
+    Vector3d sum = Vector3d::Zero();
+    for (uint32_t e = incidence_.begin[i]; e < incidence_.begin[i + 1]; ++e) {
+      const auto& [at1, at2] = derivatives[incidence_.entries[e] / 3];
+      const uint32_t role = incidence_.entries[e] % 3;
+      if (role == 0) {
+        sum -= at1 + at2;
+      } else {
+        sum += role == 1 ? at1 : at2;
       }
-      (*gradient)[incidence_.vertices[i]] += weight * sum;
     }
+    (*gradient)[incidence_.vertices[i]] += weight * sum;
   });
 }
 
@@ -192,22 +189,20 @@ InterCurvature InterTerm::Curvature(const Positions& v, double weight, const std
   InterCurvature out;
   out.incidence = incidence_;
   out.corners.resize(corners_.size());
-  ParallelFor(static_cast<int64_t>(corners_.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t c = begin; c < end; ++c) {
-      InterCurvature::Corner& corner = out.corners[c];
-      corner.vertex = corners_[c];
-      const BorderCorner turn = Counts(c, pairs) ? TurnAt(v, corners_[c]) : BorderCorner();
-      if (!turn.valid) {
-        corner.a = corner.b = Vector3f::Zero();
-        continue;
-      }
-      corner.a = turn.a.cast<float>();
-      corner.b = turn.b.cast<float>();
-      corner.inverse_a = static_cast<float>(1 / turn.length_a);
-      corner.inverse_b = static_cast<float>(1 / turn.length_b);
-      constexpr double kMinShare = 1.0 / 8;
-      corner.weight = static_cast<float>(weight * 4 / std::max(1 - turn.cosine, 2 * kMinShare));
+  ParallelForEach(corners_.size(), kGrain, [&](int64_t c) {
+    InterCurvature::Corner& corner = out.corners[c];
+    corner.vertex = corners_[c];
+    const BorderCorner turn = Counts(c, pairs) ? TurnAt(v, corners_[c]) : BorderCorner();
+    if (!turn.valid) {
+      corner.a = corner.b = Vector3f::Zero();
+      return;
     }
+    corner.a = turn.a.cast<float>();
+    corner.b = turn.b.cast<float>();
+    corner.inverse_a = static_cast<float>(1 / turn.length_a);
+    corner.inverse_b = static_cast<float>(1 / turn.length_b);
+    constexpr double kMinShare = 1.0 / 8;
+    corner.weight = static_cast<float>(weight * 4 / std::max(1 - turn.cosine, 2 * kMinShare));
   });
   return out;
 }

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -136,18 +137,16 @@ void FaceBoxes::Refit(const TriangleMesh& mesh) {
       box.high[k] = std::max(box.high[k], other.high[k]);
     }
   };
-  ParallelFor(static_cast<int64_t>(order_.size()), kGrain * 4, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      const size_t f = order_[i];
-      const Vector3d& a = mesh.Corner(f, 0);
-      const Vector3d& b = mesh.Corner(f, 1);
-      const Vector3d& c = mesh.Corner(f, 2);
-      for (int k = 0; k < 3; ++k) {
-        const double low = std::min({a[k], b[k], c[k]}), high = std::max({a[k], b[k], c[k]});
-        // Rounding to float must not shrink a box.
-        face_boxes_[i].low[k] = static_cast<float>(low - 1e-7 * std::abs(low));
-        face_boxes_[i].high[k] = static_cast<float>(high + 1e-7 * std::abs(high));
-      }
+  ParallelForEach(order_.size(), kGrain * 4, [&](int64_t i) {
+    const size_t f = order_[i];
+    const Vector3d& a = mesh.Corner(f, 0);
+    const Vector3d& b = mesh.Corner(f, 1);
+    const Vector3d& c = mesh.Corner(f, 2);
+    for (int k = 0; k < 3; ++k) {
+      const double low = std::min({a[k], b[k], c[k]}), high = std::max({a[k], b[k], c[k]});
+      // Rounding to float must not shrink a box.
+      face_boxes_[i].low[k] = static_cast<float>(low - 1e-7 * std::abs(low));
+      face_boxes_[i].high[k] = static_cast<float>(high + 1e-7 * std::abs(high));
     }
   });
   for (size_t i = 0; i < order_.size(); ++i) widen(nodes_[leaves_ + i / kLeafFaces], face_boxes_[i]);
@@ -344,11 +343,9 @@ SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& 
     }
     for (uint32_t f : defective) is_defective[f] = test && !test(f, good, motion.mesh().vertices);
     if (test) {
-      ParallelFor(static_cast<int64_t>(active.size()), kGrain, [&](int64_t begin, int64_t end) {
-        for (int64_t i = begin; i < end; ++i) {
-          const uint32_t f = active[static_cast<size_t>(i)];
-          is_defective[f] = !test(f, good, motion.mesh().vertices);
-        }
+      ParallelForEach(active.size(), kGrain, [&](int64_t i) {
+        const uint32_t f = active[static_cast<size_t>(i)];
+        is_defective[f] = !test(f, good, motion.mesh().vertices);
       });
     }
     for (const FacePair& p : cut) is_defective[p[0]] = is_defective[p[1]] = 1;

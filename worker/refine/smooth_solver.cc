@@ -8,9 +8,9 @@
 #include <tuple>
 #include <utility>
 
-#include "common/base/parallel.h"
 #include "worker/refine/inter_term.h"
 #include "worker/refine/smooth_term.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -197,36 +197,34 @@ void SmoothTerm::MakeLayout(const std::vector<uint8_t>& active) {
 
 void SmoothTerm::FindDiagonals() {
   diagonals_.resize(start_.size());
-  ParallelFor(static_cast<int64_t>(start_.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t p = begin; p < end; ++p) {
-      const uint32_t v = layout_->vertex_at[p];
-      const bool boundary = rings_.on_boundary[v];
-      Diagonals out;
-      double plate = 0, bound = 0;
-      out.inverse_degree = static_cast<float>(1.0 / std::max(rings_.degree(v), 1u));
-      if (!boundary && rings_.degree(v) > 0) {
-        plate = factor_[v];
-        bound = 2 * factor_[v];
-        out.factor = static_cast<float>(factor_[v]);
-      }
-      double membrane = 0;
-      for (uint32_t e = rings_.begin[v]; e < rings_.begin[v + 1]; ++e) {
-        const uint32_t w = rings_.to[e];
-        const double inverse = 1.0 / rings_.degree(w);
-        if (!rings_.on_boundary[w]) {
-          plate += factor_[w] * inverse * inverse;
-          bound += 2 * factor_[w] * inverse;
-        }
-        if (rings_.inner[e] && !(boundary && rings_.on_boundary[w])) membrane += EdgeFactor(v, w) / 6;
-        if (has_boundary_row(w) && !rings_.inner[e]) out.boundary += 0.25f;
-      }
-      if (has_boundary_row(v)) out.boundary += 1;
-      out.plate = static_cast<float>(plate);
-      out.slack = plate > 0 ? static_cast<float>(std::max(1.0, bound / (kHigh * plate))) : 1;
-      out.membrane = static_cast<float>(membrane);
-      out.special = boundary || mixed_[v];
-      diagonals_[p] = out;
+  ParallelForEach(start_.size(), kGrain, [&](int64_t p) {
+    const uint32_t v = layout_->vertex_at[p];
+    const bool boundary = rings_.on_boundary[v];
+    Diagonals out;
+    double plate = 0, bound = 0;
+    out.inverse_degree = static_cast<float>(1.0 / std::max(rings_.degree(v), 1u));
+    if (!boundary && rings_.degree(v) > 0) {
+      plate = factor_[v];
+      bound = 2 * factor_[v];
+      out.factor = static_cast<float>(factor_[v]);
     }
+    double membrane = 0;
+    for (uint32_t e = rings_.begin[v]; e < rings_.begin[v + 1]; ++e) {
+      const uint32_t w = rings_.to[e];
+      const double inverse = 1.0 / rings_.degree(w);
+      if (!rings_.on_boundary[w]) {
+        plate += factor_[w] * inverse * inverse;
+        bound += 2 * factor_[w] * inverse;
+      }
+      if (rings_.inner[e] && !(boundary && rings_.on_boundary[w])) membrane += EdgeFactor(v, w) / 6;
+      if (has_boundary_row(w) && !rings_.inner[e]) out.boundary += 0.25f;
+    }
+    if (has_boundary_row(v)) out.boundary += 1;
+    out.plate = static_cast<float>(plate);
+    out.slack = plate > 0 ? static_cast<float>(std::max(1.0, bound / (kHigh * plate))) : 1;
+    out.membrane = static_cast<float>(membrane);
+    out.special = boundary || mixed_[v];
+    diagonals_[p] = out;
   });
 }
 
@@ -247,7 +245,7 @@ class SmoothTerm::System {
         direction_(rhs.size()),
         step_(rhs.size()) {
     FindSpecials();
-    ForSlots(slots, [&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
+    ParallelForEach(slots, kGrain, [&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
     ForSpecials(slots, [&](Special& special) { special.rhs = rhs_[special.slot].lanes; });
   }
 
@@ -256,7 +254,7 @@ class SmoothTerm::System {
 
   // Starts from a zero step.
   void FirstSweep(float gain, int rings) {
-    ForSlots(layout_.SlotsWithin(rings), [&](size_t p) {
+    ParallelForEach(layout_.SlotsWithin(rings), kGrain, [&](size_t p) {
       direction_[p].lanes = Broadcast(gain) * inverse_[p].Times(rhs_[p].lanes);
       step_[p] = direction_[p];
     });
@@ -273,8 +271,8 @@ class SmoothTerm::System {
 
   void TakeStep(Positions* step) const {
     step->assign(step_.size(), Vector3d::Zero());
-    ForSlots(layout_.SlotsWithin(0),
-             [&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
+    ParallelForEach(layout_.SlotsWithin(0), kGrain,
+                    [&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
   }
 
  private:
@@ -286,20 +284,12 @@ class SmoothTerm::System {
     Lanes rhs = {0, 0, 0, 0}, membrane = {0, 0, 0, 0};
   };
 
-  template <class Body>
-  static void ForSlots(size_t count, const Body& body) {
-    ParallelFor(static_cast<int64_t>(count), kGrain, [&](int64_t begin, int64_t end) {
-      for (int64_t p = begin; p < end; ++p) body(static_cast<size_t>(p));
-    });
-  }
   // The specials among the first `slots`.
   template <class Body>
   void ForSpecials(size_t slots, const Body& body) {
     const auto beyond = std::partition_point(specials_.begin(), specials_.end(),
                                              [&](const Special& special) { return special.slot < slots; });
-    ParallelFor(beyond - specials_.begin(), kSpecialGrain, [&](int64_t begin, int64_t end) {
-      for (int64_t i = begin; i < end; ++i) body(specials_[i]);
-    });
+    ParallelForEach(beyond - specials_.begin(), kSpecialGrain, [&](int64_t i) { body(specials_[i]); });
   }
 
   void FindSpecials() {
@@ -361,22 +351,18 @@ class SmoothTerm::System {
     const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
     const Diagonals* diagonals = term_.diagonals_.data();
     Row* rows = rows_.data();
-    ParallelFor(static_cast<int64_t>(slots), kGrain, [=](int64_t begin, int64_t end) {
-      for (int64_t p = begin; p < end; ++p) {
-        Lanes sum = {0, 0, 0, 0};
-        for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) sum += step[ring[e]].lanes;
-        rows[p].SetVector(step[p].lanes - Broadcast(diagonals[p].inverse_degree) * sum);
-      }
+    ParallelForEach(slots, kGrain, [=](int64_t p) {
+      Lanes sum = {0, 0, 0, 0};
+      for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) sum += step[ring[e]].lanes;
+      rows[p].SetVector(step[p].lanes - Broadcast(diagonals[p].inverse_degree) * sum);
     });
   }
 
   void MakeResiduals() {
-    ParallelFor(static_cast<int64_t>(inter_->corners.size()), kSpecialGrain, [&](int64_t begin, int64_t end) {
-      for (int64_t c = begin; c < end; ++c) {
-        const InterCurvature::Corner& corner = inter_->corners[c];
-        const auto at = [&](int role) { return FromLanes(step_[layout_.slot_of[corner.vertex[role]]].lanes); };
-        residuals_[c] = corner.weight * corner.Residual(at(0), at(1), at(2));
-      }
+    ParallelForEach(inter_->corners.size(), kSpecialGrain, [&](int64_t c) {
+      const InterCurvature::Corner& corner = inter_->corners[c];
+      const auto at = [&](int role) { return FromLanes(step_[layout_.slot_of[corner.vertex[role]]].lanes); };
+      residuals_[c] = corner.weight * corner.Residual(at(0), at(1), at(2));
     });
   }
 
@@ -433,19 +419,17 @@ class SmoothTerm::System {
     const RightSide* rhs = rhs_.data();
     const SymmetricBlock *data = data_.data(), *inverse = inverse_.data();
     Vector *direction = direction_.data(), *step = step_.data();
-    ParallelFor(static_cast<int64_t>(slots), kGrain, [=](int64_t begin, int64_t end) {
-      for (int64_t p = begin; p < end; ++p) {
-        Lanes product = {0, 0, 0, 0};
-        for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) {
-          const Row row = rows[ring[e]];
-          product += row.WeightAtNeighbours() * row.lanes;
-        }
-        Lanes residual = rhs[p].lanes + product - rhs[p].WeightOfOwnRow() * rows[p].lanes;
-        residual -= data[p].Times(step[p].lanes);
-        const Lanes move = keep * direction[p].lanes + gain * inverse[p].Times(residual);
-        direction[p].lanes = move;
-        step[p].lanes += move;
+    ParallelForEach(slots, kGrain, [=](int64_t p) {
+      Lanes product = {0, 0, 0, 0};
+      for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) {
+        const Row row = rows[ring[e]];
+        product += row.WeightAtNeighbours() * row.lanes;
       }
+      Lanes residual = rhs[p].lanes + product - rhs[p].WeightOfOwnRow() * rows[p].lanes;
+      residual -= data[p].Times(step[p].lanes);
+      const Lanes move = keep * direction[p].lanes + gain * inverse[p].Times(residual);
+      direction[p].lanes = move;
+      step[p].lanes += move;
     });
   }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -14,13 +15,6 @@ using Eigen::Vector3d;
 
 constexpr int64_t kGrain = 2048;
 constexpr int32_t kNoLabel = -1;
-
-template <class Body>
-void ForVertices(size_t count, const Body& body) {
-  ParallelFor(static_cast<int64_t>(count), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t v = begin; v < end; ++v) body(static_cast<size_t>(v));
-  });
-}
 
 }  // namespace
 
@@ -90,13 +84,13 @@ void SmoothTerm::Reweight(const Positions& v, const CreaseWeights& creases) {
   Positions at = v, rows;
   for (int step = 0; step < kCreaseSteps; ++step) {
     Umbrella(at, &rows);
-    ForVertices(at.size(), [&](size_t k) {
+    ParallelForEach(at.size(), kGrain, [&](size_t k) {
       if (!rings_.on_boundary[k]) at[k] -= 0.5 * rows[k];
     });
   }
   const std::vector<double> after = Bends(at);
   const auto relative = [&](double bend) { return bend * bend / (creases.bend * creases.bend); };
-  ForVertices(at.size(), [&](size_t k) {
+  ParallelForEach(at.size(), kGrain, [&](size_t k) {
     factor_[k] = class_factor_[k];
     if (rings_.on_boundary[k] || rings_.degree(k) == 0) return;
     const double bends = relative(after[k]), expected = relative(kCreaseShrinks * before[k]);
@@ -115,7 +109,7 @@ std::vector<double> SmoothTerm::Bends(const Positions& v) const {
     normals[c] += cross;
   }
   std::vector<double> bends(v.size(), 0);
-  ForVertices(v.size(), [&](size_t k) {
+  ParallelForEach(v.size(), kGrain, [&](size_t k) {
     if (rings_.on_boundary[k] || rings_.degree(k) == 0) return;
     double edges = 0;
     for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) edges += (v[rings_.to[e]] - v[k]).norm();
@@ -126,7 +120,7 @@ std::vector<double> SmoothTerm::Bends(const Positions& v) const {
 
 void SmoothTerm::Umbrella(const Positions& v, Positions* rows) const {
   rows->resize(v.size());
-  ForVertices(v.size(), [&](size_t k) {
+  ParallelForEach(v.size(), kGrain, [&](size_t k) {
     Vector3d row = Vector3d::Zero();
     if (has_boundary_row(k)) {
       const auto [a, b] = rings_.along_boundary[k];
@@ -175,10 +169,11 @@ void SmoothTerm::Gradient(const Positions& v, const SmoothWeights& weights, Posi
   Positions rows;
   Umbrella(v, &rows);
   // Weighted rows; a neighbour's share of a row is divided by the degree.
-  ForVertices(v.size(),
-              [&](size_t k) { rows[k] *= rings_.on_boundary[k] ? weights.boundary : weights.thin_plate * factor_[k]; });
+  ParallelForEach(v.size(), kGrain, [&](size_t k) {
+    rows[k] *= rings_.on_boundary[k] ? weights.boundary : weights.thin_plate * factor_[k];
+  });
   gradient->resize(v.size());
-  ForVertices(v.size(), [&](size_t i) {
+  ParallelForEach(v.size(), kGrain, [&](size_t i) {
     const uint32_t k = static_cast<uint32_t>(i);
     Vector3d sum = Vector3d::Zero(), membrane = Vector3d::Zero();
     if (!fixed_[k]) {
@@ -194,7 +189,7 @@ void SmoothTerm::Gradient(const Positions& v, const SmoothWeights& weights, Posi
     }
     (*gradient)[k] = sum;
   });
-  ForVertices(anchored_.size(), [&](size_t i) {
+  ParallelForEach(anchored_.size(), kGrain, [&](size_t i) {
     const uint32_t k = anchored_[i].vertex;
     (*gradient)[k] += weights.anchor * (anchored_[i].block * (v[k] - start_[k]));
   });

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -13,13 +13,6 @@ using Eigen::Vector3d;
 
 constexpr int64_t kGrain = 2048;
 
-template <class Body>
-void ForEach(size_t count, const Body& body) {
-  ParallelFor(static_cast<int64_t>(count), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) body(static_cast<size_t>(i));
-  });
-}
-
 int CornerOf(const Triangle& face, size_t vertex) { return face[0] == vertex ? 0 : face[1] == vertex ? 1 : 2; }
 
 }  // namespace
@@ -27,7 +20,7 @@ int CornerOf(const Triangle& face, size_t vertex) { return face[0] == vertex ? 0
 PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                 const std::vector<FaceSums>& sums, const ContourSums& contours) {
   std::vector<Vector3d> normals(mesh.faces.size());
-  ForEach(normals.size(), [&](size_t f) { normals[f] = FaceNormal(mesh, f); });
+  ParallelForEach(normals.size(), kGrain, [&](size_t f) { normals[f] = FaceNormal(mesh, f); });
   std::vector<uint8_t> at_contour;
   if (!contours.faces.empty()) {
     at_contour.assign(mesh.vertices.size(), 0);
@@ -40,7 +33,7 @@ PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_o
   out.gradient.resize(n);
   out.curvature.resize(n);
   out.pairs.resize(n);
-  ForEach(n, [&](size_t v) {
+  ParallelForEach(n, kGrain, [&](size_t v) {
     Vector3d gradient = Vector3d::Zero();
     Matrix3d curvature = Matrix3d::Zero();
     float pairs = 0, seen_faces = 0;

@@ -1,12 +1,12 @@
 #include "worker/tasks/classified_views.h"
 
 #include "absl/strings/str_cat.h"
-#include "common/base/parallel.h"
 #include "common/classify/model.h"
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
 #include "common/storage/hash.h"
 #include "worker/tasks/task_functions.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 
@@ -24,14 +24,12 @@ StatusOr<std::string> ClassifierContent(const TaskRequest& request, const Ingest
 Status FillClassifiedContents(const Survey& survey, const std::set<std::string>& known, const TaskControl& control,
                               SceneDescription* scene) {
   std::vector<Status> statuses(scene->views.size());
-  ParallelFor(static_cast<int64_t>(scene->views.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t v = begin; v < end; ++v) {
-      SceneView& view = scene->views[v];
-      if (!control.Check().ok() || known.contains(view.image_path)) continue;
-      const auto rgb = ReadRgb(absl::StrCat(scene->folder, "/", view.image_path));
-      statuses[v] = rgb.status();
-      if (rgb.ok()) view.likelihood_content = ClassifiedContent(survey, Xxh3Hex(rgb->data.data(), rgb->data.size()));
-    }
+  ParallelForEach(scene->views.size(), 1, [&](int64_t v) {
+    SceneView& view = scene->views[v];
+    if (!control.Check().ok() || known.contains(view.image_path)) return;
+    const auto rgb = ReadRgb(absl::StrCat(scene->folder, "/", view.image_path));
+    statuses[v] = rgb.status();
+    if (rgb.ok()) view.likelihood_content = ClassifiedContent(survey, Xxh3Hex(rgb->data.data(), rgb->data.size()));
   });
   Faults faults;
   for (const Status& status : statuses) faults.Add(status);

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "common/base/parallel.h"
 #include "common/geometry/repair.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
@@ -18,6 +17,7 @@
 #include "worker/city/update_survey.h"
 #include "worker/tasks/classified_views.h"
 #include "worker/tasks/task_functions.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -25,28 +25,26 @@ namespace {
 // Hashes of the decoded content of the views' files: known for the base's views, computed for the others.
 Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneDescription* scene) {
   std::vector<Status> statuses(scene->views.size());
-  ParallelFor(static_cast<int64_t>(scene->views.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t v = begin; v < end; ++v) {
-      if (!control.Check().ok()) return;
-      SceneView& view = scene->views[v];
-      SceneView unread = view;
-      const auto take = [&](std::string* path, std::string* content) {
-        const auto known = files.known.find(*path);
-        if (known == files.known.end()) return;
-        *content = known->second.content;
-        path->clear();
-      };
-      take(&unread.image_path, &view.image_content);
-      take(&unread.likelihood_path, &view.likelihood_content);
-      if (const auto known = files.known.find(view.image_path); known != files.known.end()) {
-        if (!known->second.classified.empty()) view.likelihood_content = known->second.classified;
-      }
-      const auto content = ReadPixelContent(scene->folder, unread, static_cast<int>(scene->classes.size()));
-      statuses[v] = content.status();
-      if (!content.ok()) continue;
-      if (!content->image.empty()) view.image_content = content->image;
-      if (!content->likelihood.empty()) view.likelihood_content = content->likelihood;
+  ParallelForEach(scene->views.size(), 1, [&](int64_t v) {
+    if (!control.Check().ok()) return;
+    SceneView& view = scene->views[v];
+    SceneView unread = view;
+    const auto take = [&](std::string* path, std::string* content) {
+      const auto known = files.known.find(*path);
+      if (known == files.known.end()) return;
+      *content = known->second.content;
+      path->clear();
+    };
+    take(&unread.image_path, &view.image_content);
+    take(&unread.likelihood_path, &view.likelihood_content);
+    if (const auto known = files.known.find(view.image_path); known != files.known.end()) {
+      if (!known->second.classified.empty()) view.likelihood_content = known->second.classified;
     }
+    const auto content = ReadPixelContent(scene->folder, unread, static_cast<int>(scene->classes.size()));
+    statuses[v] = content.status();
+    if (!content.ok()) return;
+    if (!content->image.empty()) view.image_content = content->image;
+    if (!content->likelihood.empty()) view.likelihood_content = content->likelihood;
   });
   Faults faults;
   for (const Status& status : statuses) faults.Add(status);

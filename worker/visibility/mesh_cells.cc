@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -25,19 +25,17 @@ void Append(uint32_t begin, uint32_t end, std::vector<std::array<uint32_t, 2>>* 
 void FindVertexCells(const std::vector<Triangle>& faces, MeshCells* cells) {
   const size_t count = cells->face_begin.empty() ? 0 : cells->face_begin.size() - 1;
   cells->vertex_cells.assign(count, {});
-  ParallelFor(static_cast<int64_t>(count), kCellGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t c = begin; c < end; ++c) {
-      std::vector<uint32_t>& used = cells->vertex_cells[c];
-      for (uint32_t f = cells->face_begin[c]; f < cells->face_begin[c + 1]; ++f) {
-        for (const uint32_t v : faces[f]) {
-          // Several cells may begin at v (empty ones): the last of them contains it.
-          const auto next = std::upper_bound(cells->vertex_begin.begin(), cells->vertex_begin.end(), v);
-          const auto cell = static_cast<uint32_t>(next - cells->vertex_begin.begin() - 1);
-          if (std::find(used.begin(), used.end(), cell) == used.end()) used.push_back(cell);
-        }
+  ParallelForEach(count, kCellGrain, [&](int64_t c) {
+    std::vector<uint32_t>& used = cells->vertex_cells[c];
+    for (uint32_t f = cells->face_begin[c]; f < cells->face_begin[c + 1]; ++f) {
+      for (const uint32_t v : faces[f]) {
+        // Several cells may begin at v (empty ones): the last of them contains it.
+        const auto next = std::upper_bound(cells->vertex_begin.begin(), cells->vertex_begin.end(), v);
+        const auto cell = static_cast<uint32_t>(next - cells->vertex_begin.begin() - 1);
+        if (std::find(used.begin(), used.end(), cell) == used.end()) used.push_back(cell);
       }
-      std::sort(used.begin(), used.end());
     }
+    std::sort(used.begin(), used.end());
   });
 }
 
@@ -71,11 +69,9 @@ CellBoxes::CellBoxes(const TriangleMesh& mesh, const MeshCells* cells)
     : cells_(cells), boxes_(cells == nullptr ? 0 : cells->size()) {
   all_.faces = {{0, static_cast<uint32_t>(mesh.faces.size())}};
   all_.vertices = {{0, static_cast<uint32_t>(mesh.vertices.size())}};
-  ParallelFor(static_cast<int64_t>(boxes_.size()), kCellGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t c = begin; c < end; ++c) {
-      for (uint32_t f = cells_->face_begin[c]; f < cells_->face_begin[c + 1]; ++f) {
-        for (const uint32_t v : mesh.faces[f]) boxes_[c].extend(mesh.vertices[v]);
-      }
+  ParallelForEach(boxes_.size(), kCellGrain, [&](int64_t c) {
+    for (uint32_t f = cells_->face_begin[c]; f < cells_->face_begin[c + 1]; ++f) {
+      for (const uint32_t v : mesh.faces[f]) boxes_[c].extend(mesh.vertices[v]);
     }
   });
 }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 #include "worker/visibility/raster_kernel.h"
 #include "worker/visibility/unbounded_face.h"
 
@@ -105,15 +106,13 @@ struct Rasterizer::Workspace {
     list.resize(std::max<size_t>(list.size(), chunks * kFaceChunk));
     selected.resize(std::max<size_t>(selected.size(), chunks));
     rows.resize(std::max<size_t>(rows.size(), chunks * kBlocks));
-    ParallelFor(chunks, 1, [&](int64_t first_chunk, int64_t last_chunk) {
-      for (int64_t chunk = first_chunk; chunk < last_chunk; ++chunk) {
-        const int64_t begin = chunk * kFaceChunk;
-        uint32_t* mine = list.data() + begin;
-        const int64_t count = layer.Select(chunk_faces[chunk][0], chunk_faces[chunk][1], mine);
-        selected[chunk] = count;
-        for (int64_t k = 0; k < count; k += kListBlock) {
-          rows[(begin + k) / kListBlock] = RowsOf(layer, mine + k, std::min(kListBlock, count - k));
-        }
+    ParallelForEach(chunks, 1, [&](int64_t chunk) {
+      const int64_t begin = chunk * kFaceChunk;
+      uint32_t* mine = list.data() + begin;
+      const int64_t count = layer.Select(chunk_faces[chunk][0], chunk_faces[chunk][1], mine);
+      selected[chunk] = count;
+      for (int64_t k = 0; k < count; k += kListBlock) {
+        rows[(begin + k) / kListBlock] = RowsOf(layer, mine + k, std::min(kListBlock, count - k));
       }
     });
     // Few bands: each band sets up again all blocks of faces that reach it.

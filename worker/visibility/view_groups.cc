@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {
@@ -16,11 +17,9 @@ void MarkNotSelected(const ViewGroups& groups, size_t view, FaceMap* map) {
   std::vector<uint8_t> selected(groups.selected.size());
   for (size_t g = 0; g < selected.size(); ++g) selected[g] = groups.selected[g][view];
   if (groups.group_of_face.empty() || std::find(selected.begin(), selected.end(), 0) == selected.end()) return;
-  ParallelFor(static_cast<int64_t>(map->face.size()), kPixelGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      int32_t& face = map->face[i];
-      if (face >= 0 && !selected[groups.group_of_face[face]]) face = kNotSelected;
-    }
+  ParallelForEach(map->face.size(), kPixelGrain, [&](int64_t i) {
+    int32_t& face = map->face[i];
+    if (face >= 0 && !selected[groups.group_of_face[face]]) face = kNotSelected;
   });
 }
 
@@ -28,18 +27,16 @@ void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
   // A separable dilation of the own pixels: along rows first, then along columns.
   const int width = map->width, height = map->height;
   std::vector<uint8_t> wide(map->face.size(), 0), has(height, 0);  // pixels, rows with any
-  ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t y = begin; y < end; ++y) {
-      const int32_t* face = map->face.data() + y * width;
-      uint8_t* row = wide.data() + y * width;
-      int marked = 0;  // columns before it are final
-      for (int x = 0; x < width; ++x) {
-        if (face[x] < 0 || !own[face[x]]) continue;
-        const int first = std::max(marked, x - margin_px), last = std::min(width, x + margin_px + 1);
-        std::fill(row + first, row + last, 1);
-        marked = last;
-        has[y] = 1;
-      }
+  ParallelForEach(height, kRowGrain, [&](int64_t y) {
+    const int32_t* face = map->face.data() + y * width;
+    uint8_t* row = wide.data() + y * width;
+    int marked = 0;  // columns before it are final
+    for (int x = 0; x < width; ++x) {
+      if (face[x] < 0 || !own[face[x]]) continue;
+      const int first = std::max(marked, x - margin_px), last = std::min(width, x + margin_px + 1);
+      std::fill(row + first, row + last, 1);
+      marked = last;
+      has[y] = 1;
     }
   });
   ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {

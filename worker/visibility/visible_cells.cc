@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "common/base/parallel.h"
+#include "worker/visibility/parallel_for_each.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -105,23 +105,21 @@ VisibleCells FindVisibleCells(const VisibleCellsProblem& problem) {
   for (const CameraWindow& view : problem.views) needed.emplace_back(view.rect);
   std::vector<std::vector<CellPixels>> in_view(views);  // ascending
   std::vector<std::vector<uint32_t>> shown(views), lands(views);
-  ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t v = begin; v < end; ++v) {
-      const CameraWindow& view = problem.views[v];
-      for (uint32_t run = 0; run < runs.size(); ++run) {
-        if (PixelsOf(view, runs[run], kNearPlane_m, 0).empty()) continue;
-        const auto last = static_cast<uint32_t>(std::min<size_t>(cells, (run + 1) * kRunCells));
-        for (uint32_t c = run * kRunCells; c < last; ++c) {
-          const PixelRect pixels = PixelsOf(view, problem.boxes[c], kNearPlane_m, 0);
-          if (!pixels.empty()) in_view[v].push_back({c, pixels});
-        }
+  ParallelForEach(views, 1, [&](int64_t v) {
+    const CameraWindow& view = problem.views[v];
+    for (uint32_t run = 0; run < runs.size(); ++run) {
+      if (PixelsOf(view, runs[run], kNearPlane_m, 0).empty()) continue;
+      const auto last = static_cast<uint32_t>(std::min<size_t>(cells, (run + 1) * kRunCells));
+      for (uint32_t c = run * kRunCells; c < last; ++c) {
+        const PixelRect pixels = PixelsOf(view, problem.boxes[c], kNearPlane_m, 0);
+        if (!pixels.empty()) in_view[v].push_back({c, pixels});
       }
-      ForCells(in_view[v], problem.own[v], [&](const CellPixels& own) {
-        needed[v].Add(Widened(own.pixels, problem.reference_margin_px, view.rect));
-      });
-      for (const CellPixels& other : in_view[v]) {
-        if (needed[v].Meets(other.pixels)) shown[v].push_back(other.cell);
-      }
+    }
+    ForCells(in_view[v], problem.own[v], [&](const CellPixels& own) {
+      needed[v].Add(Widened(own.pixels, problem.reference_margin_px, view.rect));
+    });
+    for (const CellPixels& other : in_view[v]) {
+      if (needed[v].Meets(other.pixels)) shown[v].push_back(other.cell);
     }
   });
   for (const auto& [reference, other] : problem.pairs) {
@@ -131,18 +129,16 @@ VisibleCells FindVisibleCells(const VisibleCellsProblem& problem) {
   sight.cells.resize(views);
   sight.windows.resize(views);
   sight.own_windows.resize(views);
-  ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t v = begin; v < end; ++v) {
-      sight.own_windows[v] = needed[v].Bounds();
-      std::sort(lands[v].begin(), lands[v].end());
-      lands[v].erase(std::unique(lands[v].begin(), lands[v].end()), lands[v].end());
-      ForCells(in_view[v], lands[v], [&](const CellPixels& landing) {
-        needed[v].Add(Widened(landing.pixels, problem.target_margin_px, problem.views[v].rect));
-      });
-      sight.windows[v] = needed[v].Bounds();
-      for (const CellPixels& other : in_view[v]) {
-        if (needed[v].Meets(other.pixels)) sight.cells[v].push_back(other.cell);
-      }
+  ParallelForEach(views, 1, [&](int64_t v) {
+    sight.own_windows[v] = needed[v].Bounds();
+    std::sort(lands[v].begin(), lands[v].end());
+    lands[v].erase(std::unique(lands[v].begin(), lands[v].end()), lands[v].end());
+    ForCells(in_view[v], lands[v], [&](const CellPixels& landing) {
+      needed[v].Add(Widened(landing.pixels, problem.target_margin_px, problem.views[v].rect));
+    });
+    sight.windows[v] = needed[v].Bounds();
+    for (const CellPixels& other : in_view[v]) {
+      if (needed[v].Meets(other.pixels)) sight.cells[v].push_back(other.cell);
     }
   });
   return sight;
