@@ -2,9 +2,9 @@
 
 #include <grpcpp/grpcpp.h>
 
-#include <algorithm>
 #include <mutex>
 
+#include "common/base/printable.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/status_conversion.h"
 #include "tessera/v1/workers.grpc.pb.h"
@@ -16,40 +16,8 @@ constexpr double kCallSeconds = 10.0;
 constexpr double kReportSeconds = 30.0;  // includes the coordinator's durable write
 constexpr size_t kMaxTextBytes = 256 << 10;
 
-// protobuf rejects strings that are not UTF-8, and library messages may contain any bytes of any length.
-std::string PrintableText(const std::string& text) {
-  std::string result = text.substr(0, kMaxTextBytes);
-  const bool ascii = std::all_of(result.begin(), result.end(), [](char c) { return (c & 0x80) == 0; });
-  if (ascii) return result;
-  // Keeps valid sequences and replaces every other byte.
-  std::string clean;
-  for (size_t i = 0; i < result.size();) {
-    const auto byte = static_cast<unsigned char>(result[i]);
-    const size_t length = byte < 0x80                   ? 1
-                          : byte >= 0xC2 && byte < 0xE0 ? 2
-                          : byte >= 0xE0 && byte < 0xF0 ? 3
-                          : byte >= 0xF0 && byte < 0xF5 ? 4
-                                                        : 0;
-    bool whole = length > 0 && i + length <= result.size();
-    for (size_t k = 1; whole && k < length; ++k) whole = (static_cast<unsigned char>(result[i + k]) & 0xC0) == 0x80;
-    if (whole && length == 3) {
-      const auto next = static_cast<unsigned char>(result[i + 1]);
-      whole = !(byte == 0xE0 && next < 0xA0) && !(byte == 0xED && next >= 0xA0);
-    }
-    if (whole && length == 4) {
-      const auto next = static_cast<unsigned char>(result[i + 1]);
-      whole = !(byte == 0xF0 && next < 0x90) && !(byte == 0xF4 && next >= 0x90);
-    }
-    if (whole) {
-      clean.append(result, i, length);
-      i += length;
-    } else {
-      clean += '?';
-      ++i;
-    }
-  }
-  return clean;
-}
+// Library messages may contain any bytes of any length.
+std::string PrintableText(const std::string& text) { return AsUtf8(std::string(Prefix(text, kMaxTextBytes))); }
 
 v1::ErrorClass ToProto(FailureClass failure) {
   switch (failure) {

@@ -35,7 +35,7 @@ TEST_F(AgentTest, RunsATaskThroughTheBlobService) {
   EXPECT_EQ(report.success().stats_json(), "{\"n\":1}");
   EXPECT_GT(report.success().usage().core_seconds(), 0);
   EXPECT_GE(report.success().usage().threads(), 1);
-  EXPECT_THAT(report.success().warnings(), ElementsAre("odd ? byte"));
+  EXPECT_THAT(report.success().warnings(), ElementsAre("odd \\xff byte"));
   ASSERT_EQ(report.success().outputs_size(), 1);
   EXPECT_EQ(report.success().outputs(0).name(), "out.txt");
   EXPECT_EQ(coordinator_.blobs().Content(DigestOf(report.success().outputs(0))), "cut({})in.txt=hello;sub/other.bin=;");
