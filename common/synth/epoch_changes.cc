@@ -382,11 +382,6 @@ class ChangePlanner {
 
 }  // namespace
 
-const char* ChangeName(ChangeKind kind) {
-  static constexpr const char* kNames[kChangeKinds] = {"built", "demolished", "grown", "felled", "label"};
-  return kNames[static_cast<int>(kind)];
-}
-
 double ChangeInset(const Eigen::AlignedBox2d& part) { return std::min(4.0, 0.05 * part.sizes().minCoeff()); }
 
 ChangedCity ChangeCity(const CityPlan& plan, const Eigen::AlignedBox2d& part, uint64_t seed) {
@@ -403,7 +398,7 @@ Status WriteChanges(const std::string& path, const std::vector<CityChange>& chan
     }
     nlohmann::ordered_json feature;
     feature["type"] = "Feature";
-    feature["properties"] = {{"kind", ChangeName(change.kind)},
+    feature["properties"] = {{"kind", ChangeKindName(change.kind)},
                              {"area_m2", std::round(change.area_m2 * 1000) / 1000},
                              {"height_difference_m", change.height_difference_m}};
     feature["geometry"] = {{"type", "Polygon"}, {"coordinates", nlohmann::ordered_json::array({ring})}};

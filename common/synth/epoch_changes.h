@@ -8,15 +8,10 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/job/change_kind.h"
 #include "common/synth/plan.h"
 
 namespace tessera {
-
-// kLabel: only the class changes, heights stay.
-enum class ChangeKind { kBuilt, kDemolished, kGrown, kFelled, kLabel };
-inline constexpr int kChangeKinds = 5;
-// "built", "demolished", "grown", "felled", "label".
-const char* ChangeName(ChangeKind kind);
 
 struct CityChange {
   ChangeKind kind = ChangeKind::kBuilt;

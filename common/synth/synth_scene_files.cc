@@ -86,10 +86,10 @@ Status WriteSceneJson(const std::string& folder, const std::string& name, const 
                    {"start_faces", report.start_faces},
                    {"area_m2", report.area_m2}};
   if (epoch != nullptr) {
-    std::array<int, kChangeKinds> counts{};
+    std::array<int, kChangeKinds.size()> counts{};
     for (const CityChange& change : epoch->changes) ++counts[static_cast<int>(change.kind)];
     nlohmann::ordered_json of_kind;
-    for (int kind = 0; kind < kChangeKinds; ++kind) of_kind[ChangeName(static_cast<ChangeKind>(kind))] = counts[kind];
+    for (const ChangeKind kind : kChangeKinds) of_kind[ChangeKindName(kind)] = counts[static_cast<size_t>(kind)];
     synth["change"] = {{"seed", epoch->options.seed},
                        {"part", epoch->options.part},
                        {"whole", epoch->options.whole || epoch->options.new_mesh},

@@ -155,22 +155,6 @@ class AreaFinder {
 
 }  // namespace
 
-const char* ChangeKindName(ChangeKind kind) {
-  switch (kind) {
-    case ChangeKind::kBuilt:
-      return "built";
-    case ChangeKind::kDemolished:
-      return "demolished";
-    case ChangeKind::kGrown:
-      return "grown";
-    case ChangeKind::kFelled:
-      return "felled";
-    case ChangeKind::kLabel:
-      return "label";
-  }
-  return "";
-}
-
 std::vector<ClassRole> ClassRoles(const std::vector<SceneClass>& classes) {
   std::vector<ClassRole> roles;
   for (const SceneClass& c : classes) {

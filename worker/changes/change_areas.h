@@ -2,30 +2,18 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "common/job/change_kind.h"
 #include "common/scene/scene.h"
 #include "worker/changes/change_raster.h"
 #include "worker/changes/outline.h"
 
 namespace tessera {
-
-enum class ChangeKind {
-  kBuilt,       // higher, and no vegetation now
-  kDemolished,  // lower, and no vegetation before
-  kGrown,       // higher, vegetation now
-  kFelled,      // lower, vegetation before
-  kLabel,       // of equal height, another class
-};
-inline constexpr std::array kChangeKinds = {ChangeKind::kBuilt, ChangeKind::kDemolished, ChangeKind::kGrown,
-                                            ChangeKind::kFelled, ChangeKind::kLabel};
-// "built", "demolished", "grown", "felled", "label".
-const char* ChangeKindName(ChangeKind kind);
 
 // Role of a class in change detection.
 enum class ClassRole { kGround, kBuilding, kVegetation, kOther };

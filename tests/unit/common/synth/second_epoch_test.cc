@@ -88,7 +88,7 @@ TEST(ChangeCityTest, RespectsInsetAndDistances) {
 
 TEST(ChangeCityTest, HeightsAndLabelsChangeInsideFootprints) {
   for (const CityChange& change : City().changes) {
-    SCOPED_TRACE(ChangeName(change.kind));
+    SCOPED_TRACE(ChangeKindName(change.kind));
     const AlignedBox2d box = BoxOf(change.footprint);
     constexpr double kStep = 0.07;
     double sum = 0;
