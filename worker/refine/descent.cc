@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include "worker/visibility/parallel_for_each.h"
 
@@ -30,21 +29,6 @@ Vector3d BoundaryStep(const Vector3d& step, const Vector3d& normal, const Vector
 }
 
 }  // namespace
-
-CsrRows FacesOfVertices(const TriangleMesh& mesh) {
-  CsrRows rows;
-  rows.offsets.assign(mesh.vertices.size() + 1, 0);
-  for (const Triangle& face : mesh.faces) {
-    for (uint32_t v : face) ++rows.offsets[v + 1];
-  }
-  std::partial_sum(rows.offsets.begin(), rows.offsets.end(), rows.offsets.begin());
-  rows.items.resize(static_cast<size_t>(rows.offsets.back()));
-  std::vector<int64_t> next(rows.offsets.begin(), rows.offsets.end() - 1);
-  for (size_t f = 0; f < mesh.faces.size(); ++f) {
-    for (uint32_t v : mesh.faces[f]) rows.items[static_cast<size_t>(next[v]++)] = static_cast<uint32_t>(f);
-  }
-  return rows;
-}
 
 std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                         const std::vector<uint8_t>& fixed, int steps) {

@@ -10,6 +10,7 @@
 #include "common/geometry/csr_rows.h"
 #include "common/geometry/mesh.h"
 #include "worker/refine/inter_term.h"
+#include "worker/refine/one_rings.h"
 #include "worker/refine/smooth_term.h"
 #include "worker/refine/vertex_sums.h"
 
@@ -94,9 +95,6 @@ class MotionGuard {
   std::vector<Eigen::Vector3f> start_normals_;   // per face
   std::vector<Eigen::Vector3f> vertex_normals_;  // of the smoothed start
 };
-
-// The faces of each vertex, ascending.
-CsrRows FacesOfVertices(const TriangleMesh& mesh);
 
 // Vertex positions after `steps` umbrella steps with factor ½, which smooth staircase artefacts. The mesh boundary
 // and vertices with a flag in `fixed` (may be empty) stay.

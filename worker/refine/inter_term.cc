@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/refine/one_rings.h"
 #include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
@@ -105,27 +106,17 @@ Matrix3f InterCurvature::Corner::Block(uint32_t role) const {
   return weight * (both.transpose() * both);
 }
 
-InterTerm::InterTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed) : faces_(mesh.faces), fixed_(fixed) {
-  const size_t n = mesh.vertices.size();
-  if (fixed_.empty()) fixed_.assign(n, 0);
-  faces_begin_.assign(n + 1, 0);
-  for (const Triangle& face : faces_) {
-    for (uint32_t v : face) ++faces_begin_[v + 1];
-  }
-  for (size_t v = 0; v < n; ++v) faces_begin_[v + 1] += faces_begin_[v];
-  faces_at_.resize(faces_begin_[n]);
-  std::vector<uint32_t> next(faces_begin_.begin(), faces_begin_.end() - 1);
-  for (size_t f = 0; f < faces_.size(); ++f) {
-    for (uint32_t v : faces_[f]) faces_at_[next[v]++] = static_cast<uint32_t>(f);
-  }
+InterTerm::InterTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed)
+    : faces_(mesh.faces), fixed_(fixed), faces_of_vertex_(FacesOfVertices(mesh)) {
+  if (fixed_.empty()) fixed_.assign(mesh.vertices.size(), 0);
 }
 
 void InterTerm::SetLabels(const std::vector<int32_t>& labels) {
   corners_.clear();
   incidence_ = {};
   if (labels.empty()) return;
-  for (uint32_t v = 0; v + 1 < faces_begin_.size(); ++v) {
-    const std::span<const uint32_t> at(faces_at_.data() + faces_begin_[v], faces_begin_[v + 1] - faces_begin_[v]);
+  for (uint32_t v = 0; v < fixed_.size(); ++v) {
+    const std::span<const uint32_t> at = faces_of_vertex_[v];
     bool several = false, unlabelled = false;
     for (uint32_t f : at) {
       several |= labels[f] != labels[at[0]];

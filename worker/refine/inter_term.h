@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/geometry/csr_rows.h"
 #include "common/geometry/mesh.h"
 
 namespace tessera {
@@ -85,7 +86,7 @@ class InterTerm {
  private:
   std::vector<Triangle> faces_;
   std::vector<uint8_t> fixed_;
-  std::vector<uint32_t> faces_begin_, faces_at_;  // faces of v: faces_at_[faces_begin_[v] .. faces_begin_[v + 1])
+  CsrRows faces_of_vertex_;
   bool Counts(size_t corner, const std::vector<float>& pairs) const {
     return pairs.empty() || pairs[corners_[corner][0]] > 0;
   }

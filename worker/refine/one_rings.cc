@@ -1,8 +1,24 @@
 #include "worker/refine/one_rings.h"
 
 #include <algorithm>
+#include <numeric>
 
 namespace tessera {
+
+CsrRows FacesOfVertices(const TriangleMesh& mesh) {
+  CsrRows rows;
+  rows.offsets.assign(mesh.vertices.size() + 1, 0);
+  for (const Triangle& face : mesh.faces) {
+    for (uint32_t v : face) ++rows.offsets[v + 1];
+  }
+  std::partial_sum(rows.offsets.begin(), rows.offsets.end(), rows.offsets.begin());
+  rows.items.resize(static_cast<size_t>(rows.offsets.back()));
+  std::vector<int64_t> next(rows.offsets.begin(), rows.offsets.end() - 1);
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (uint32_t v : mesh.faces[f]) rows.items[static_cast<size_t>(next[v]++)] = static_cast<uint32_t>(f);
+  }
+  return rows;
+}
 
 OneRings FindOneRings(const TriangleMesh& mesh) {
   const size_t n = mesh.vertices.size();

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/geometry/csr_rows.h"
 #include "common/geometry/mesh.h"
 
 namespace tessera {
@@ -24,5 +25,8 @@ struct OneRings {
 };
 
 OneRings FindOneRings(const TriangleMesh& mesh);
+
+// The faces of each vertex, ascending.
+CsrRows FacesOfVertices(const TriangleMesh& mesh);
 
 }  // namespace tessera
