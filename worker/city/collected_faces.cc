@@ -4,7 +4,7 @@
 
 namespace tessera {
 
-void FaceCollector::Add(const CityBlock& block, size_t face, bool marked) {
+void FaceCollector::Add(const CityBlock& block, size_t face) {
   if (block_ != block.vertex_ids.data()) {
     block_ = block.vertex_ids.data();
     taken_.assign(block.vertex_ids.size(), 0);
@@ -14,8 +14,7 @@ void FaceCollector::Add(const CityBlock& block, size_t face, bool marked) {
     taken_[v] = 1;
     vertices_.emplace_back(block.vertex_ids[v], block.mesh.vertices[v]);
   }
-  faces_.push_back(
-      {block.face_ids[face], block.GlobalFace(face), block.mesh.labels[face], static_cast<uint8_t>(marked)});
+  faces_.push_back({block.face_ids[face], block.GlobalFace(face), block.mesh.labels[face]});
 }
 
 CollectedFaces FaceCollector::Finish() {
@@ -36,7 +35,6 @@ CollectedFaces FaceCollector::Finish() {
     }
     out.face_ids.push_back(face.id);
     out.mesh.labels.push_back(face.label);
-    out.marked.push_back(face.marked);
   }
   faces_ = {};
   block_ = nullptr;

@@ -15,14 +15,13 @@ namespace tessera {
 struct CollectedFaces {
   TriangleMesh mesh;
   std::vector<uint32_t> vertex_ids, face_ids;  // ascending
-  std::vector<uint8_t> marked;                 // per face
 };
 
 // Copies its input; the blocks need not outlive it. Not thread-safe.
 class FaceCollector {
  public:
   // Adds a face. Each face may be added once.
-  void Add(const CityBlock& block, size_t face, bool marked);
+  void Add(const CityBlock& block, size_t face);
   // Returns the mesh of all added faces and empties the collector. The order of adding does not matter.
   CollectedFaces Finish();
 
@@ -31,7 +30,6 @@ class FaceCollector {
     uint32_t id;
     Triangle vertices;  // global ids
     int32_t label;
-    uint8_t marked;
   };
   std::vector<Picked> faces_;
   std::vector<std::pair<uint32_t, Eigen::Vector3d>> vertices_;  // by global id; unordered, with duplicates

@@ -338,7 +338,7 @@ Status UpdateViewSelection(const CityReader& city, const ViewChanges& changes, b
     if (!between[b]) continue;
     TESSERA_RETURN_IF_ERROR(control.Check());
     TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
-    for (size_t f = 0; f < block.face_ids.size(); ++f) collector.Add(block, f, false);
+    for (size_t f = 0; f < block.face_ids.size(); ++f) collector.Add(block, f);
   }
   {
     const CollectedFaces around = collector.Finish();

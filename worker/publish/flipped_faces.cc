@@ -15,7 +15,7 @@ StatusOr<CollectedFaces> FacesOfCore(const CityReader& city, const GroundPlane& 
     if (cells.x0 >= rect.x1 || cells.x1 <= rect.x0 || cells.y0 >= rect.y1 || cells.y1 <= rect.y0) continue;
     TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
     for (size_t f = 0; f < block.face_ids.size(); ++f) {
-      if (rect.Contains(ground.Cell(block.mesh.Centroid(f)))) found.Add(block, f, true);
+      if (rect.Contains(ground.Cell(block.mesh.Centroid(f)))) found.Add(block, f);
     }
   }
   CollectedFaces faces = found.Finish();

@@ -37,7 +37,7 @@ StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlan
     for (size_t f = 0; f < block.face_ids.size(); ++f) {
       Eigen::AlignedBox2d of_face;
       for (int k = 0; k < 3; ++k) of_face.extend(ground.Coordinates(block.mesh.Corner(f, k)));
-      if (of_face.intersects(plan)) collector.Add(block, f, false);
+      if (of_face.intersects(plan)) collector.Add(block, f);
     }
   }
   CollectedFaces found = collector.Finish();

@@ -25,7 +25,7 @@ StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& co
     control.Report(static_cast<double>(b) / static_cast<double>(city.block_count()), "reading the city");
     TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
     for (size_t f = 0; f < block.face_ids.size(); ++f) {
-      if (core.Contains(survey.ground.Cell(block.mesh.Centroid(f)))) collector.Add(block, f, false);
+      if (core.Contains(survey.ground.Cell(block.mesh.Centroid(f)))) collector.Add(block, f);
     }
   }
   CollectedFaces faces = collector.Finish();

@@ -49,7 +49,7 @@ StatusOr<LoadedBlocks> Load(const CityReader& city, const Survey& survey, const 
   for (size_t b = 0; b < blocks.size(); ++b) {
     if (!blocks[b]) continue;
     TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
-    for (size_t f = 0; f < block.face_ids.size(); ++f) found.Add(block, f, false);
+    for (size_t f = 0; f < block.face_ids.size(); ++f) found.Add(block, f);
   }
   LoadedBlocks loaded;
   loaded.faces = found.Finish();
