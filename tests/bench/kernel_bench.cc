@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/base/parallel.h"
+#include "tests/support/draw_views.h"
 #include "tests/support/make_texels.h"
 #include "tests/support/relief_scene.h"
 #include "tests/unit/worker/photo/zncc_oracle.h"
@@ -83,7 +84,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
   std::vector<WarpTarget> targets(views.size());
   std::vector<std::vector<float>> offsets;
   for (const PhotoView& view : views) {
-    maps.push_back(RasterizeFaces(scene.mesh, nullptr, view.camera));
+    maps.push_back(RasterizeFaces(scene.mesh, view.camera));
     offsets.emplace_back();
     for (size_t f = 0; f < scene.mesh.faces.size(); ++f) {
       const Eigen::Vector3d from = scene.mesh.Corner(f, 0) - view.camera.Centre();
@@ -146,9 +147,9 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
 // The kernel's job in plain float loops, one pair, likewise.
 double MeasureScalar(const Scene& scene, const std::vector<PhotoView>& views, float semantic, int repeat,
                      Checks* checks) {
-  const FaceMap map = RasterizeFaces(scene.mesh, nullptr, views[0].camera);
+  const FaceMap map = RasterizeFaces(scene.mesh, views[0].camera);
   WarpTarget target;
-  SetWarpTarget(views[1].texels, RasterizeFaces(scene.mesh, nullptr, views[1].camera), {}, &target);
+  SetWarpTarget(views[1].texels, RasterizeFaces(scene.mesh, views[1].camera), {}, &target);
   std::vector<float> offsets;
   for (size_t f = 0; f < scene.mesh.faces.size(); ++f) {
     const Eigen::Vector3d from = scene.mesh.Corner(f, 0) - views[0].camera.Centre();

@@ -23,6 +23,7 @@
 #include "common/meshio/mesh_format.h"
 #include "common/scene/scene.h"
 #include "tests/support/alpha_expansion.h"
+#include "tests/support/draw_views.h"
 #include "worker/label/belief_propagation.h"
 #include "worker/label/label_field.h"
 #include "worker/label/unary.h"
@@ -213,7 +214,8 @@ Status PrintAgreement(const SceneDescription& scene, const std::vector<ScoredVie
                       const std::vector<int32_t>& labels, double gsd_m, const Arguments& arguments) {
   const TriangleMesh halved = Halved(mesh);
   std::vector<FaceMap> maps;
-  Rasterizer().DrawViews(halved, CellBoxes(halved), cameras, &maps);
+  Rasterizer rasterizer;
+  DrawViews(halved, CellBoxes(halved), cameras, &rasterizer, &maps);
   const FaceLikelihoods sums = CollectLikelihoods(views, maps, halved, static_cast<int>(scene.classes.size()));
   LabelField field =
       BuildLabelField(halved, EdgeList(halved.faces), sums, scene.classes, scene.up_in_local, gsd_m, arguments.label);
@@ -245,7 +247,8 @@ Status BenchMesh(const SceneDescription& scene, std::vector<ScoredView> views, c
   std::vector<CameraWindow> cameras;
   for (const SceneView& view : scene.views) cameras.push_back(view.camera);
   std::vector<FaceMap> maps;
-  Rasterizer().DrawViews(mesh, CellBoxes(mesh), cameras, &maps);
+  Rasterizer rasterizer;
+  DrawViews(mesh, CellBoxes(mesh), cameras, &rasterizer, &maps);
 
   for (size_t v = 0; v < views.size() && arguments.covered; ++v) {
     for (size_t i = 0; i < views[v].truth.data.size(); ++i) {

@@ -14,6 +14,7 @@
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
+#include "tests/support/draw_views.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -104,11 +105,13 @@ void Bench(int cells) {
       const ThreadLimit limit(threads);
       Rasterizer rasterizer;
       std::vector<FaceMap> maps;
-      FaceMap map;
-      rasterizer.DrawViews(mesh, CellBoxes(mesh), cameras, &maps);
-      rasterizer.Draw(mesh, nullptr, cameras[0], &map);
-      const double views_ns = Nanoseconds(kCalls, [&] { rasterizer.DrawViews(mesh, CellBoxes(mesh), cameras, &maps); });
-      const double one_ns = Nanoseconds(kCalls, [&] { rasterizer.Draw(mesh, nullptr, cameras[0], &map); });
+      DrawViews(mesh, CellBoxes(mesh), cameras, &rasterizer, &maps);
+      DrawViews(mesh, CellBoxes(mesh), {&cameras[0], 1}, &rasterizer, &maps);
+      const double views_ns =
+          Nanoseconds(kCalls, [&] { DrawViews(mesh, CellBoxes(mesh), cameras, &rasterizer, &maps); });
+      const double one_ns = Nanoseconds(kCalls, [&] {
+        DrawViews(mesh, CellBoxes(mesh), {&cameras[0], 1}, &rasterizer, &maps);
+      });
       const double a_face = views_ns / faces / kViews;
       std::printf("%8.2f %12d %8d | %9.2f %12.1f | %15.2f\n", face_px2, k.width * k.height, threads, a_face,
                   1e3 / a_face, one_ns / faces);

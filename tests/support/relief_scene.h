@@ -10,6 +10,7 @@
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
+#include "tests/support/draw_views.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -80,7 +81,7 @@ inline std::vector<PosedCamera> ReliefCameras(int size_px) {
 // What `camera` photographs of `mesh`: texture, gain and noise; NaN where there is nothing.
 inline FloatImage Photograph(const TriangleMesh& mesh, const PosedCamera& camera, double gain, double noise,
                              uint64_t seed) {
-  const FaceMap map = RasterizeFaces(mesh, nullptr, camera);
+  const FaceMap map = RasterizeFaces(mesh, camera);
   Random random(seed);
   FloatImage image(map.width, map.height, 1, std::numeric_limits<float>::quiet_NaN());
   const Eigen::Vector3d centre = camera.Centre();
@@ -109,7 +110,7 @@ inline double ReliefLikelihood(const Eigen::Vector3d& p, int l, int classes) {
 
 // What a classifier makes of `camera`'s photograph of `mesh`: a plane a class; uniform where there is nothing.
 inline FloatImage PhotographClasses(const TriangleMesh& mesh, const PosedCamera& camera, int classes) {
-  const FaceMap map = RasterizeFaces(mesh, nullptr, camera);
+  const FaceMap map = RasterizeFaces(mesh, camera);
   FloatImage image(map.width, map.height, classes, 1 / static_cast<float>(classes));
   const Eigen::Vector3d centre = camera.Centre();
   for (int y = 0; y < map.height; ++y) {

@@ -362,7 +362,7 @@ HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const D
   }
 }
 
-int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices, bool with_ids,
+int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices,
              const DrawTarget& target) {
   const int lanes = static_cast<int>(hn::Lanes(Doubles()));
   if (target.width < lanes) return 0;
@@ -377,7 +377,7 @@ int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const G
       if (held < expected) break;
     }
     for (int k = 0; k < ready; ++k) {
-      const int32_t id = with_ids ? static_cast<int32_t>(list[done + k]) : -1;
+      const auto id = static_cast<int32_t>(list[done + k]);
       if (batch.x_last[k] - batch.x_first[k] == 1 && batch.y_last[k] - batch.y_first[k] == 1) {
         if (batch.y_first[k] >= target.row_first && batch.y_first[k] < target.row_last) {
           DrawPixelFromBatch(batch, k, id, target);
@@ -412,9 +412,9 @@ int64_t SelectFaces(const Triangle* faces, int64_t first, int64_t last, const Gr
   return HWY_DYNAMIC_DISPATCH(Select)(faces, first, last, vertices, width, height, list);
 }
 
-int64_t DrawFaces(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices, bool with_ids,
+int64_t DrawFaces(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices,
                   const DrawTarget& target) {
-  return HWY_DYNAMIC_DISPATCH(Draw)(faces, list, count, vertices, with_ids, target);
+  return HWY_DYNAMIC_DISPATCH(Draw)(faces, list, count, vertices, target);
 }
 
 }  // namespace tessera

@@ -73,10 +73,9 @@ void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const CameraW
 int64_t SelectFaces(const Triangle* faces, int64_t first, int64_t last, const GridVertex* vertices, int width,
                     int height, uint32_t* list);
 
-// Draws the listed faces in order; of equally near faces the first stays. Writes the face index as id, or -1 unless
-// `with_ids`. Stops at a face that is off the grid or too large for it, to be drawn by DrawUnboundedFace. Returns how
-// many entries of the list it has drawn.
-int64_t DrawFaces(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices, bool with_ids,
+// Draws the listed faces in order; of equally near faces the first stays. Stops at a face that is off the grid or too
+// large for it, to be drawn by DrawUnboundedFace. Returns how many entries of the list it has drawn.
+int64_t DrawFaces(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices,
                   const DrawTarget& target);
 
 }  // namespace tessera

@@ -25,7 +25,6 @@ struct Layer {
   const std::vector<std::array<uint32_t, 2>>& faces;  // ranges
   const CameraWindow& window;
   double near_m;
-  bool with_ids;
 
   int64_t Select(int64_t first, int64_t last, uint32_t* list) const {
     return SelectFaces(mesh.faces.data(), first, last, vertices, window.rect.width(), window.rect.height(), list);
@@ -33,10 +32,9 @@ struct Layer {
 
   void Draw(const uint32_t* list, int64_t count, const DrawTarget& target) const {
     for (int64_t k = 0; k < count; ++k) {
-      k += DrawFaces(mesh.faces.data(), list + k, count - k, vertices, with_ids, target);
+      k += DrawFaces(mesh.faces.data(), list + k, count - k, vertices, target);
       if (k == count) break;
-      const int32_t id = with_ids ? static_cast<int32_t>(list[k]) : -1;
-      DrawUnboundedFace(mesh, list[k], vertices, window.camera, near_m, id, target);
+      DrawUnboundedFace(mesh, list[k], vertices, window.camera, near_m, target);
     }
   }
 };
@@ -145,23 +143,15 @@ struct Rasterizer::Workspace {
     }
   }
 
-  // `part`: of `mesh`; null: all of it.
-  void Draw(const TriangleMesh& mesh, const MeshPart* part, const TriangleMesh* occluders, const CameraWindow& window,
-            double near_m, bool in_parallel, FaceMap* map) {
+  void Draw(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, double near_m, bool in_parallel,
+            FaceMap* map) {
     Reset(window.rect, map);
-    for (const TriangleMesh* mesh_or_occluders : {&mesh, occluders}) {
-      if (mesh_or_occluders == nullptr || mesh_or_occluders->faces.empty()) continue;
-      const bool with_ids = mesh_or_occluders == &mesh;
-      const MeshPart whole = {{{0, static_cast<uint32_t>(mesh_or_occluders->faces.size())}},
-                              {{0, static_cast<uint32_t>(mesh_or_occluders->vertices.size())}}};
-      const MeshPart& drawn = with_ids && part != nullptr ? *part : whole;
-      Project(*mesh_or_occluders, drawn, window, near_m, in_parallel);
-      const Layer layer{*mesh_or_occluders, vertices.data(), drawn.faces, window, near_m, with_ids};
-      if (in_parallel) {
-        DrawLayerInBands(layer, map);
-      } else {
-        DrawLayer(layer, map);
-      }
+    Project(mesh, part, window, near_m, in_parallel);
+    const Layer layer{mesh, vertices.data(), part.faces, window, near_m};
+    if (in_parallel) {
+      DrawLayerInBands(layer, map);
+    } else {
+      DrawLayer(layer, map);
     }
     for (float& value : map->depth) value = 1 / value;  // 0 gives kNothing
   }
@@ -198,33 +188,19 @@ void Rasterizer::ForEachView(size_t views, const std::function<void(size_t, Work
   });
 }
 
-void Rasterizer::Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window, FaceMap* map,
-                      double near_m) {
-  std::unique_ptr<Workspace> workspace = pool_->Take();
-  workspace->Draw(mesh, nullptr, occluders, window, near_m, ThreadCount() > 1, map);
-  pool_->Return(std::move(workspace));
-}
-
-void Rasterizer::DrawViews(const TriangleMesh& mesh, const CellBoxes& boxes, std::span<const CameraWindow> windows,
-                           std::vector<FaceMap>* maps, double near_m) {
-  std::vector<MeshPart> parts;
-  for (const CameraWindow& window : windows) parts.push_back(boxes.InWindow(window, near_m));
-  DrawParts(mesh, parts, windows, maps, near_m);
-}
-
 void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts,
                            std::span<const CameraWindow> windows, std::vector<FaceMap>* maps, double near_m) {
   maps->resize(windows.size());
   if (windows.size() < static_cast<size_t>(ThreadCount())) {
     std::unique_ptr<Workspace> workspace = pool_->Take();
     for (size_t view = 0; view < windows.size(); ++view) {
-      workspace->Draw(mesh, &parts[view], nullptr, windows[view], near_m, ThreadCount() > 1, &(*maps)[view]);
+      workspace->Draw(mesh, parts[view], windows[view], near_m, ThreadCount() > 1, &(*maps)[view]);
     }
     pool_->Return(std::move(workspace));
     return;
   }
   ForEachView(windows.size(), [&](size_t view, Workspace& workspace) {
-    workspace.Draw(mesh, &parts[view], nullptr, windows[view], near_m, false, &(*maps)[view]);
+    workspace.Draw(mesh, parts[view], windows[view], near_m, false, &(*maps)[view]);
   });
 }
 
@@ -240,13 +216,6 @@ void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out) {
     out->face.insert(out->face.end(), map.face.begin() + begin, map.face.begin() + begin + out->width);
     out->depth.insert(out->depth.end(), map.depth.begin() + begin, map.depth.begin() + begin + out->width);
   }
-}
-
-FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window,
-                       double near_m) {
-  FaceMap map;
-  Rasterizer().Draw(mesh, occluders, window, &map, near_m);
-  return map;
 }
 
 }  // namespace tessera

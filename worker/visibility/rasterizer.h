@@ -22,8 +22,8 @@ struct FaceMap {
   static constexpr float kNothing = std::numeric_limits<float>::infinity();
   int width = 0;
   int height = 0;
-  std::vector<int32_t> face;  // nearest face at the pixel's centre; -1: no face, or an occluder is nearer
-  std::vector<float> depth;   // z in the camera frame of the nearest surface, occluders included; or kNothing
+  std::vector<int32_t> face;  // nearest face at the pixel's centre; -1: none
+  std::vector<float> depth;   // z in the camera frame of the nearest face; or kNothing
   int x0 = 0, y0 = 0;         // position of the first pixel in the camera's whole image
 };
 
@@ -31,19 +31,14 @@ struct FaceMap {
 // reused.
 void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out);
 
-// Renders `mesh` from the camera of a window, sampled at pixel centres. `occluders` (may be null) write only depth.
+// Renders meshes from the cameras of windows, sampled at pixel centres. Reuses its buffers (16 bytes per vertex and
+// thread) and those of the maps. Not thread-safe: one call at a time.
 // Visibility: both sides of faces are drawn. A pixel centre on an edge belongs to exactly one of the two faces that
-// share it. Of equally deep faces the one of lower index wins, and the mesh wins over occluders. Parts closer than
-// `near_m` are clipped.
+// share it. Of equally deep faces the one of lower index wins.
 // Precision: vertices are rounded to 2^-15 pixel in the image; depth is perspective-correct on the rounded face, to
 // float rounding. A pixel has the same bits in every window that contains it.
-// Meshes and camera in the same frame, metres; pixel coordinates below 2^15. Uses the process's thread pool; the
+// Meshes and cameras in the same frame, metres; pixel coordinates below 2^15. Uses the process's thread pool; the
 // result does not depend on the number of threads.
-FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window,
-                       double near_m = kNearPlane_m);
-
-// A rasteriser for repeated use: reuses its buffers (16 bytes per vertex and thread) and those of the maps. Not
-// thread-safe: one call at a time.
 class Rasterizer {
  public:
   Rasterizer();
@@ -51,16 +46,8 @@ class Rasterizer {
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
-  // As RasterizeFaces; the threads share the image in bands of rows.
-  void Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window, FaceMap* map,
-            double near_m = kNearPlane_m);
-
-  // As Draw for many cameras, distributed over the threads: faster than one call per camera. `boxes`: of the mesh at
-  // its current vertex positions.
-  void DrawViews(const TriangleMesh& mesh, const CellBoxes& boxes, std::span<const CameraWindow> windows,
-                 std::vector<FaceMap>* maps, double near_m = kNearPlane_m);
-
-  // As DrawViews, but draws only parts[i] of the mesh for windows[i].
+  // Draws parts[i] of the mesh for windows[i]. Few windows are shared between the threads in bands of rows, many are
+  // distributed over them. Parts closer than `near_m` are clipped.
   void DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts, std::span<const CameraWindow> windows,
                  std::vector<FaceMap>* maps, double near_m = kNearPlane_m);
 

@@ -8,9 +8,9 @@
 
 namespace tessera {
 
-// Draws face `f` with this id. Edges with both ends on the grid are tested exactly as in the kernel, bit for bit.
+// Draws face `f`. Edges with both ends on the grid are tested exactly as in the kernel, bit for bit.
 // Both faces of an edge with an end off the grid are drawn here, so they agree as well.
 void DrawUnboundedFace(const TriangleMesh& mesh, uint32_t f, const GridVertex* vertices, const PosedCamera& camera,
-                       double near_m, int32_t id, const DrawTarget& target);
+                       double near_m, const DrawTarget& target);
 
 }  // namespace tessera

@@ -5,6 +5,7 @@
 
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
+#include "tests/support/draw_views.h"
 #include "worker/photo/pairs.h"
 #include "worker/visibility/rasterizer.h"
 
@@ -92,7 +93,7 @@ StatusOr<LeftOutScore> ScoreLeftOutView(const SceneDescription& scene, size_t le
   };
   TESSERA_ASSIGN_OR_RETURN(const FloatImage reference, read(left_out));
   std::vector<FaceMap> reference_maps;
-  for (const TriangleMesh* mesh : meshes) reference_maps.push_back(RasterizeFaces(*mesh, nullptr, cameras[left_out]));
+  for (const TriangleMesh* mesh : meshes) reference_maps.push_back(RasterizeFaces(*mesh, cameras[left_out]));
   LeftOutScore score;
   score.mean_zncc.assign(meshes.size(), 0.0);
   for (const ViewPair& pair : SelectPairs(*meshes.at(0), cameras, PairOptions())) {
@@ -101,7 +102,7 @@ StatusOr<LeftOutScore> ScoreLeftOutView(const SceneDescription& scene, size_t le
     ++score.neighbours;
     std::vector<FloatImage> zncc;
     for (size_t m = 0; m < meshes.size(); ++m) {
-      const FaceMap map = RasterizeFaces(*meshes[m], nullptr, cameras[pair.other]);
+      const FaceMap map = RasterizeFaces(*meshes[m], cameras[pair.other]);
       zncc.push_back(Zncc(reference, Warp(reference_maps[m], cameras[left_out], map, cameras[pair.other], other)));
     }
     for (size_t at = 0; at < reference.data.size(); ++at) {

@@ -10,6 +10,7 @@
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
 #include "tests/bench/accuracy/bench_scenes.h"
+#include "tests/support/draw_views.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -66,7 +67,7 @@ LabelImage Spread(const LabelImage& labels, int radius, const std::set<int>& spr
 // Labels of the mesh that each pixel sees.
 LabelImage Rendered(const TriangleMesh& mesh, const PosedCamera& camera) {
   const FaceMap map =
-      RasterizeFaces(mesh, nullptr, CameraWindow{camera, {0, 0, camera.intrinsics.width, camera.intrinsics.height}});
+      RasterizeFaces(mesh, CameraWindow{camera, {0, 0, camera.intrinsics.width, camera.intrinsics.height}});
   LabelImage labels(map.width, map.height, 1, kUnknown);
   for (size_t at = 0; at < map.face.size(); ++at) {
     const int32_t label = map.face[at] < 0 ? -1 : mesh.labels[map.face[at]];

@@ -10,6 +10,7 @@
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "common/job/ground.h"
+#include "tests/support/draw_views.h"
 #include "worker/changes/change_view.h"
 #include "worker/visibility/rasterizer.h"
 
@@ -87,7 +88,7 @@ inline std::vector<ChangeView> Photographs(const TriangleMesh& mesh, const std::
   std::vector<ChangeView> views;
   Random random(7);
   for (const PosedCamera& camera : cameras) {
-    const FaceMap map = RasterizeFaces(mesh, nullptr, camera);
+    const FaceMap map = RasterizeFaces(mesh, camera);
     ChangeView view;
     view.camera = camera;
     view.luminance = FloatImage(map.width, map.height, 1, std::numeric_limits<float>::quiet_NaN());

@@ -9,6 +9,7 @@
 #include <functional>
 
 #include "common/base/parallel.h"
+#include "tests/support/draw_views.h"
 #include "tests/support/held_pixels.h"
 #include "tests/support/make_texels.h"
 #include "tests/support/refine_surface.h"
@@ -130,7 +131,7 @@ double Pull(const ContourBed& bed, double aside, double radius, const Vector3d& 
   constexpr int kParts = 8, kFar = 4 * kParts;
   constexpr double kWorth = 0.9 * 0.5, kMost_px = 2, kStep = 1e-3;
   const PosedCamera camera = Camera(aside, kParts);
-  const FaceMap map = RasterizeFaces(bed.mesh, nullptr, camera);
+  const FaceMap map = RasterizeFaces(bed.mesh, camera);
   const auto index = [&](int x, int y) { return static_cast<size_t>(y) * map.width + x; };
   const auto ball = [&](int x, int y) { return bed.labels[map.face[index(x, y)]] == kBall; };
   double sum = 0;
@@ -172,7 +173,7 @@ Derivatives Evaluate(const ContourBed& bed, const std::vector<PhotoView>& views,
   std::vector<std::vector<FaceContour>> contours;
   std::vector<int32_t> ids;
   for (const PhotoView& view : views) {
-    const FaceMap map = RasterizeFaces(bed.mesh, nullptr, view.camera);
+    const FaceMap map = RasterizeFaces(bed.mesh, view.camera);
     contours.push_back(FindContours(bed.mesh, bed.labels, {}, view, map, options));
     ids.push_back(static_cast<int32_t>(10 + 3 * ids.size()));
   }
@@ -236,7 +237,7 @@ TEST(ContourTerm, NeedsDifferentLabelsAndADepthGap) {
 TEST(ContourTerm, ContoursOfOwnFacesEqualThoseOfAllFaces) {
   const ContourBed bed;
   const PhotoView view = View(Camera(4), 3.15, kCentre);
-  const FaceMap map = RasterizeFaces(bed.mesh, nullptr, view.camera);
+  const FaceMap map = RasterizeFaces(bed.mesh, view.camera);
   std::vector<uint8_t> own(bed.mesh.faces.size()), others = own;
   for (size_t f = 0; f < own.size(); ++f) {
     own[f] = f % 3 == 0;

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "tests/support/draw_views.h"
 #include "worker/photo/photo_term.h"
 
 namespace tessera {
@@ -22,9 +23,9 @@ class PhotoOracle {
         other_(other.camera),
         other_image_(other.texels),
         options_(options),
-        map_(RasterizeFaces(mesh, nullptr, reference.camera)) {
+        map_(RasterizeFaces(mesh, reference.camera)) {
     if (options.semantic.weight > 0 && image_.classes == other_image_.classes) classes_ = image_.classes;
-    const FaceMap other_map = RasterizeFaces(mesh, nullptr, other.camera);
+    const FaceMap other_map = RasterizeFaces(mesh, other.camera);
     const int count = map_.width * map_.height;
     mask_.assign(count, false);
     accepted_.assign(count, false);

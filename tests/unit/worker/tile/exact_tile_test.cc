@@ -6,6 +6,7 @@
 #include <cstring>
 #include <map>
 
+#include "tests/support/draw_views.h"
 #include "tests/unit/worker/tile/tiny_city.h"
 #include "worker/photo/data_term.h"
 #include "worker/visibility/rasterizer.h"
@@ -89,7 +90,7 @@ void Compare(const TinyCity& tiny, const TilePackage& city, const TilePackage& t
   for (size_t v = 0; v < tile.views.size(); ++v) {
     const int32_t of_city = static_cast<int32_t>(
         std::lower_bound(city.view_ids.begin(), city.view_ids.end(), tile.view_ids[v]) - city.view_ids.begin());
-    city_maps.push_back(RasterizeFaces(city_mesh, nullptr, tile.views[v].camera));
+    city_maps.push_back(RasterizeFaces(city_mesh, tile.views[v].camera));
     const FaceMap& map = city_maps.back();
     Mask own(map.width, map.height);
     for (size_t i = 0; i < map.face.size(); ++i) {
@@ -122,7 +123,7 @@ void Compare(const TinyCity& tiny, const TilePackage& city, const TilePackage& t
     const PixelRect& window = tile.view_rects[v];
     const FaceMap& whole = city_maps[v];
     FaceMap part;
-    if (!window.empty()) part = RasterizeFaces(tile_mesh, nullptr, {tile.views[v].camera, window});
+    if (!window.empty()) part = RasterizeFaces(tile_mesh, {tile.views[v].camera, window});
     for (int y = 0; y < whole.height; ++y) {
       for (int x = 0; x < whole.width; ++x) {
         const size_t i = static_cast<size_t>(y) * whole.width + x;

@@ -7,6 +7,7 @@
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
+#include "tests/support/draw_views.h"
 
 namespace tessera {
 namespace {
@@ -64,7 +65,7 @@ std::pair<int, double> TraceRay(const TriangleMesh& mesh, const PosedCamera& cam
 TEST(Rasterizer, MatchesRayCasting) {
   const TriangleMesh mesh = Terrain(24, 30, 8, 3);
   const PosedCamera camera = LookingDown(60, 0.5);
-  const FaceMap map = RasterizeFaces(mesh, nullptr, camera);
+  const FaceMap map = RasterizeFaces(mesh, camera);
   int different = 0, hits = 0;
   for (int y = 0; y < map.height; ++y) {
     for (int x = 0; x < map.width; ++x) {
@@ -88,11 +89,11 @@ TEST(Rasterizer, AdjacentFacesCoverEachPixelExactlyOnce) {
   camera.intrinsics = {64, 64, 64, 64, 32.5, 32.5};
   camera.rotation_cam_from_world << 1, 0, 0, 0, -1, 0, 0, 0, -1;
   camera.translation_cam_from_world = Vector3d(0, 0, 32);
-  const FaceMap together = RasterizeFaces(mesh, nullptr, camera);
+  const FaceMap together = RasterizeFaces(mesh, camera);
   std::vector<int> drawn(together.face.size());
   for (const Triangle& face : mesh.faces) {
     TriangleMesh one{mesh.vertices, {face}, {}};
-    const FaceMap map = RasterizeFaces(one, nullptr, camera);
+    const FaceMap map = RasterizeFaces(one, camera);
     for (size_t i = 0; i < drawn.size(); ++i) drawn[i] += map.face[i] >= 0;
   }
   for (int y = 2; y < 62; ++y) {
@@ -103,22 +104,6 @@ TEST(Rasterizer, AdjacentFacesCoverEachPixelExactlyOnce) {
   }
 }
 
-TEST(Rasterizer, OccludersWriteDepthButNoFace) {
-  const TriangleMesh ground = Terrain(4, 20, 0, 1);
-  TriangleMesh roof = Terrain(1, 3, 0, 1);
-  for (Vector3d& v : roof.vertices) v.z() = 10;
-  const PosedCamera camera = LookingDown(40);
-  const FaceMap map = RasterizeFaces(ground, &roof, camera);
-  const FaceMap free = RasterizeFaces(ground, nullptr, camera);
-  const size_t centre = 60 * 160 + 80;
-  EXPECT_EQ(map.face[centre], -1);
-  EXPECT_FLOAT_EQ(map.depth[centre], 30);
-  EXPECT_GE(free.face[centre], 0);
-  EXPECT_EQ(map.face[60 * 160 + 20], free.face[60 * 160 + 20]);
-  // An occluder that coincides with the mesh hides nothing.
-  EXPECT_EQ(RasterizeFaces(ground, &ground, camera).face, free.face);
-}
-
 TEST(Rasterizer, ClipsFacesAtTheNearPlane) {
   // The camera stands on a plane that continues behind it.
   TriangleMesh mesh;
@@ -127,7 +112,7 @@ TEST(Rasterizer, ClipsFacesAtTheNearPlane) {
   PosedCamera camera;
   camera.intrinsics = {100, 80, 90, 90, 50, 40};
   camera.rotation_cam_from_world << 1, 0, 0, 0, 0, -1, 0, 1, 0;  // looks along +y
-  const FaceMap map = RasterizeFaces(mesh, nullptr, camera);
+  const FaceMap map = RasterizeFaces(mesh, camera);
   for (int x = 0; x < 100; ++x) {
     EXPECT_EQ(map.face[10 * 100 + x], -1);
     ASSERT_GE(map.face[70 * 100 + x], 0);
@@ -141,11 +126,11 @@ TEST(Rasterizer, ResultIsIndependentOfThreads) {
   FaceMap one, two;
   {
     ThreadLimit limit(1);
-    one = RasterizeFaces(mesh, &mesh, camera);
+    one = RasterizeFaces(mesh, camera);
   }
   {
     ThreadLimit limit(2);
-    two = RasterizeFaces(mesh, &mesh, camera);
+    two = RasterizeFaces(mesh, camera);
   }
   EXPECT_EQ(one.face, two.face);
   EXPECT_EQ(one.depth, two.depth);
@@ -163,8 +148,8 @@ TEST(Rasterizer, WindowEqualsThatPartOfTheWholeImage) {
     rect.y1 = std::min(120, std::max(rect.y1, static_cast<int>(p.y()) + 4));
   }
   EXPECT_LT(rect.width() * rect.height(), 160 * 120 / 2);
-  const FaceMap whole = RasterizeFaces(mesh, nullptr, camera);
-  const FaceMap part = RasterizeFaces(mesh, nullptr, CameraWindow(camera, rect));
+  const FaceMap whole = RasterizeFaces(mesh, camera);
+  const FaceMap part = RasterizeFaces(mesh, CameraWindow(camera, rect));
   int inside = 0, total = 0;
   for (int32_t f : whole.face) total += f >= 0;
   for (int y = 0; y < part.height; ++y) {
