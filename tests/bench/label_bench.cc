@@ -24,6 +24,7 @@
 #include "common/scene/scene.h"
 #include "tests/support/alpha_expansion.h"
 #include "tests/support/draw_views.h"
+#include "tests/support/label_energy.h"
 #include "worker/label/belief_propagation.h"
 #include "worker/label/label_field.h"
 #include "worker/label/unary.h"
@@ -285,12 +286,18 @@ Status BenchMesh(const SceneDescription& scene, std::vector<ScoredView> views, c
     const Labelling solved = SolveLabels(field, start, arguments.solver);
     print(name, solved.labels, CpuSeconds() - start_s);
     if (!arguments.expansion) return solved.labels;
-    const double best = std::min(solved.energy, LabelEnergy(field, ExpandLabels(field, solved.labels)));
-    const double expanded = LabelEnergy(field, ExpandLabels(field, LeastOf(field.unary, classes)));
+    const std::vector<int32_t> least = LeastOf(field.unary, classes);
+    std::vector<int32_t> labelled = start;
+    for (size_t f = 0; f < labelled.size(); ++f) {
+      if (labelled[f] < 0) labelled[f] = least[f];
+    }
+    const double start_energy = LabelEnergy(field, labelled), energy = LabelEnergy(field, solved.labels);
+    const double best = std::min(energy, LabelEnergy(field, ExpandLabels(field, solved.labels)));
+    const double expanded = LabelEnergy(field, ExpandLabels(field, least));
     std::printf(
         "    energy: start %.1f, ours %.1f, expansion from the unary's best %.1f, from ours %.1f; gap %.4f %%\n",
-        solved.start_energy, solved.energy, expanded, best,
-        100 * (solved.energy - std::min(best, expanded)) / (solved.start_energy - std::min(best, expanded)));
+        start_energy, energy, expanded, best,
+        100 * (energy - std::min(best, expanded)) / (start_energy - std::min(best, expanded)));
     return solved.labels;
   };
   const std::vector<int32_t> labels = solve("field", arguments.label);

@@ -31,23 +31,14 @@ std::vector<int32_t> LabelsOfBeliefs(const UndecidedField& undecided, const Mess
   return labels;
 }
 
-double StartEnergy(const LabelField& field, std::vector<int32_t> start) {
-  for (size_t f = 0; f < start.size(); ++f) {
-    if (start[f] < 0) start[f] = IndexOfLeast(&field.unary[f * field.classes], field.classes);
-  }
-  return LabelEnergy(field, start);
-}
-
 }  // namespace
 
 Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start, const SolverOptions& options) {
   const int classes = field.classes;
-  const int64_t faces = static_cast<int64_t>(field.faces());
   const FieldGraph graph = MakeFieldGraph(field);
   const std::vector<int32_t> decided = DecideFaces(field, graph);
   const UndecidedField undecided = MakeUndecidedField(field, graph, decided);
   Labelling result;
-  result.start_energy = StartEnergy(field, start);
 
   Messages messages = InitialMessages(undecided);
   const int early = std::max(0, options.iterations - kEarlyProposalRounds);
@@ -71,9 +62,8 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
   if (!field.cell.empty()) SweepBlocks(undecided, odd, proposals, options.expansion_rounds, &labels);
   result.labels = decided;
   for (size_t i = 0; i < labels.size(); ++i) result.labels[undecided.faces[i]] = labels[i];
-  result.energy = LabelEnergy(field, result.labels);
 
-  ParallelForEach(faces, kGrain, [&](int64_t f) {
+  ParallelForEach(field.faces(), kGrain, [&](int64_t f) {
     float* belief = &result.beliefs[f * classes];
     float& own = belief[result.labels[f]];
     const int32_t least = IndexOfLeast(belief, classes);

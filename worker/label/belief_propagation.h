@@ -19,17 +19,14 @@ struct Labelling {
   // faces x classes: approximate min-marginals, the cost of each label with all other faces at their best. The least
   // of a face is 0 and belongs to its label.
   std::vector<float> beliefs;
-  double energy = 0;
-  double start_energy = 0;
 };
 
 // Minimises E in three stages:
 //   1. Damped synchronous message passing for a fixed number of iterations.
 //   2. Faces switch from `start` to the messages' labels where that lowers the energy.
 //   3. Block coordinate descent: block by block, better connected parts and expansion moves (block_descent.h).
-// The energy is never above that of `start`. A label of -1 in `start` means: the messages' label, and the label of
-// least unary cost for start_energy. Deterministic for any number of threads. LabelDependencyRadiusOf
-// (label_dependency.h) bounds what a face's label and beliefs depend on.
+// The energy is never above that of `start`. A label of -1 in `start` means: the messages' label. Deterministic for any
+// number of threads. LabelDependencyRadiusOf (label_dependency.h) bounds what a face's label and beliefs depend on.
 Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start, const SolverOptions& options);
 
 // Confidence in [0, 1] of each face's label: its softmax weight under -beliefs.

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "common/base/parallel.h"
 #include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
@@ -56,23 +55,6 @@ LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>
                            static_cast<float>(options.smoothness_weight * weight)});
   }
   return field;
-}
-
-double LabelEnergy(const LabelField& field, const std::vector<int32_t>& labels) {
-  const double unary = ParallelSum(static_cast<int64_t>(field.faces()), kGrain, [&](int64_t begin, int64_t end) {
-    double sum = 0;
-    for (int64_t f = begin; f < end; ++f) sum += field.unary[f * field.classes + labels[f]];
-    return sum;
-  });
-  const double pairwise =
-      ParallelSum(static_cast<int64_t>(field.edges.size()), kGrain, [&](int64_t begin, int64_t end) {
-        double sum = 0;
-        for (int64_t e = begin; e < end; ++e) {
-          if (labels[field.edges[e].face0] != labels[field.edges[e].face1]) sum += field.edges[e].weight;
-        }
-        return sum;
-      });
-  return unary + pairwise;
 }
 
 }  // namespace tessera

@@ -52,7 +52,4 @@ LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>
                            const FaceLikelihoods& likelihoods, const std::vector<SceneClass>& classes,
                            const Eigen::Vector3d& up, double gsd_m, const LabelOptions& options);
 
-// E of a labelling, every label in [0, classes).
-double LabelEnergy(const LabelField& field, const std::vector<int32_t>& labels);
-
 }  // namespace tessera

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "common/base/random.h"
+#include "tests/support/label_energy.h"
 #include "tests/support/mesh_field.h"
 
 namespace tessera {

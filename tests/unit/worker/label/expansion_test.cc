@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/support/alpha_expansion.h"
+#include "tests/support/label_energy.h"
 #include "tests/support/mesh_field.h"
 #include "worker/label/block_descent.h"
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tests/support/label_energy.h"
 #include "worker/label/belief_propagation.h"
 
 namespace tessera {

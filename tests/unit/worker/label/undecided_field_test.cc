@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "tests/support/label_energy.h"
 #include "tests/support/mesh_field.h"
 
 namespace tessera {
