@@ -87,11 +87,4 @@ class CityReader {
   std::span<const int32_t> labels_;
 };
 
-// The whole city in memory, for tests, benchmarks and small cities. Requires contiguous ids.
-struct City {
-  TriangleMesh mesh;
-  std::vector<int64_t> input_face;
-};
-StatusOr<City> ReadCity(const std::string& path);
-
 }  // namespace tessera

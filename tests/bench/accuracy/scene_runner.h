@@ -10,6 +10,7 @@
 #include "common/geometry/mesh.h"
 #include "server/settings/job_settings.h"
 #include "tests/support/in_process_line.h"
+#include "tests/support/read_city.h"
 #include "worker/city/city_file.h"
 
 namespace tessera {

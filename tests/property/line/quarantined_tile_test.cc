@@ -11,6 +11,7 @@
 #include "common/storage/files.h"
 #include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
+#include "tests/support/read_city.h"
 #include "tests/support/read_tile_state.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/city/city_file.h"

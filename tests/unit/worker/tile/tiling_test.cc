@@ -6,6 +6,7 @@
 #include <map>
 #include <numeric>
 
+#include "tests/support/read_city.h"
 #include "tests/unit/worker/tile/tiny_city.h"
 #include "worker/publish/job_summary.h"
 #include "worker/publish/merge_cores.h"
