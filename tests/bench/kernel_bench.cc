@@ -51,11 +51,6 @@ struct Scene {
       }
     }
     options.window = MakeWindow(7, true);
-    options.window.epsilon = 1e-6f;
-    options.window.min_variance = 1.6e-5f;
-    options.window.noise_variance = 4e-4f;
-    options.window.max_mean_difference = 0.3f;
-    options.window.max_variance_ratio = 10;
   }
 };
 
@@ -79,7 +74,6 @@ struct Checks {
 // The stages of PhotoTerm::Evaluate without visibility, on this thread: of `repeat` runs the best.
 Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float semantic, int repeat, Checks* checks) {
   constexpr int kRows = 64;
-  const SemanticWeight weight{semantic};
   std::vector<FaceMap> maps;
   std::vector<WarpTarget> targets(views.size());
   std::vector<std::vector<float>> offsets;
@@ -122,11 +116,11 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
         const double begin_s = CpuSeconds();
         strip.Reset(texels.width, texels.height, scene.options.window.radius, s * kRows,
                     std::min(texels.height, (s + 1) * kRows));
-        FillStrip(views[i].camera.intrinsics, texels, maps[i], offsets[i].data(), scene.options.min_cosine, &strip);
+        FillStrip(views[i].camera.intrinsics, texels, maps[i], offsets[i].data(), &strip);
         SummarizeReference(texels, scene.options.window, &strip, &scratch);
         const double prepared_s = CpuSeconds();
         for (const ZnccPair& pair : pairs) {
-          checks->energy += AccumulateZncc(pair, scene.options.window, weight, &strip, &scratch).energy;
+          checks->energy += AccumulateZncc(pair, scene.options.window, semantic, &strip, &scratch).energy;
         }
         const double summed_s = CpuSeconds();
         gatherer.AddStrip(s, strip, &slots);
@@ -158,10 +152,9 @@ double MeasureScalar(const Scene& scene, const std::vector<PhotoView>& views, fl
   const Texels& texels = views[0].texels;
   ReferenceStrip strip;
   strip.Reset(texels.width, texels.height, scene.options.window.radius, 0, texels.height);
-  FillStrip(views[0].camera.intrinsics, texels, map, offsets.data(), scene.options.min_cosine, &strip);
+  FillStrip(views[0].camera.intrinsics, texels, map, offsets.data(), &strip);
   const ZnccPair pair = MakeZnccPair(views[0], views[1].camera, target, scene.options.occlusion_px);
-  const SemanticWeight weight{semantic};
-  ZnccOracle<float> oracle(pair, scene.options.window, weight, strip);
+  ZnccOracle<float> oracle(pair, scene.options.window, semantic, strip);
   double best_s = std::numeric_limits<double>::infinity();
   for (int k = 0; k < repeat; ++k) {
     const double begin_s = CpuSeconds();

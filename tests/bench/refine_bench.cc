@@ -52,9 +52,9 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--iterations", a.problem.iterations)->delimiter(',');
   app.add_option("--window", a.refine.data.window_px);
   app.add_option("--gaussian", a.refine.data.gaussian_window);
-  app.add_option("--noise-sigma", a.refine.data.noise_sigma);
+  app.add_option("--noise-variance", a.refine.data.photo.window.noise_variance);
   app.add_option("--thin-plate", a.refine.step.thin_plate);
-  app.add_option("--photo-outlier", a.refine.data.photo_outlier);
+  app.add_option("--photo-outlier", a.refine.data.photo.window.outlier);
   app.add_option("--membrane", a.refine.step.membrane);
   app.add_option("--rim", a.refine.step.rim);
   app.add_option("--sweeps", a.refine.step.smoothing_sweeps);
@@ -62,7 +62,7 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--step-decay", a.refine.step.step_decay);
   app.add_option("--partners", a.problem.pairing.partners);
   app.add_option("--best-angle", a.best_angle_deg);
-  app.add_option("--occlusion", a.refine.data.occlusion_px);
+  app.add_option("--occlusion", a.refine.data.photo.occlusion_px);
   app.add_option("--max-normal", a.refine.step.max_normal_gsd);
   app.add_option("--max-tangent", a.refine.step.max_tangent_gsd);
   app.add_option("--start-steps", a.refine.step.start_smoothing_steps);

@@ -28,24 +28,15 @@ StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semant
   return out;
 }
 
-}  // namespace
-
 PhotoOptions MakePhotoOptions(const DataOptions& options) {
-  PhotoOptions out;
-  out.window = MakeWindow(options.window_px, options.gaussian_window);
-  out.window.min_valid = static_cast<float>(options.min_valid);
-  out.window.min_variance = static_cast<float>(options.min_sigma * options.min_sigma);
-  out.window.max_mean_difference = static_cast<float>(options.max_mean_difference);
-  out.window.max_variance_ratio = static_cast<float>(options.max_variance_ratio);
-  out.window.epsilon = 1e-6f;
-  out.window.noise_variance = static_cast<float>(options.noise_sigma * options.noise_sigma);
-  out.min_cosine = options.min_cosine;
-  out.window.outlier = static_cast<float>(options.photo_outlier);
-  out.semantic.weight = static_cast<float>(options.semantic);
-  out.occlusion_px = options.occlusion_px;
+  PhotoOptions out = options.photo;
+  out.window = MakeWindow(options.window_px, options.gaussian_window, out.window);
+  out.semantic_weight = static_cast<float>(options.semantic);
   if (options.contour > 0) out.visitor_margin_px = ContourProfile::kReach;
   return out;
 }
+
+}  // namespace
 
 int ReferenceMargin_px(int window_px, int level) {
   return (std::max(2 * (window_px / 2), ContourProfile::kReach) + 1) << level;

@@ -31,21 +31,12 @@ struct RefineView {
 };
 
 struct DataOptions {
-  // Windowed ZNCC.
   int window_px = 7;            // odd, 3..11
   bool gaussian_window = true;  // sigma = window_px / 4; else a box
-  double noise_sigma = 0.01;    // of luminance: a reference window of variance v weighs v / (v + sigma²)
-  double min_sigma = 0.004;     // windows with a smaller standard deviation in either image are rejected
-  double max_mean_difference = 0.3;
-  double max_variance_ratio = 10;
-  double min_valid = 0.5;      // share of a window that must be visible in both images
-  double min_cosine = 0.1;     // faces seen at a lower cosine are skipped
-  double occlusion_px = 1;     // tolerance of the depth test, in pixels of the level
-  double photo_outlier = 0.5;  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
-
-  double semantic = 0;   // λ1, weight of E_sem; 0: off
-  double contour = 0;    // λ4, weight of E_contour; 0: off
-  BorderTrusts borders;  // of the views' likelihoods
+  PhotoOptions photo;           // but for the size and the weights of the window, and the weight of E_sem
+  double semantic = 0;          // λ1, weight of E_sem; 0: off
+  double contour = 0;           // λ4, weight of E_contour; 0: off
+  BorderTrusts borders;         // of the views' likelihoods
 };
 
 // Derivatives of the data terms per face, summed over all views.
@@ -89,8 +80,5 @@ class DataTerm {
   std::unique_ptr<PhotoTerm> photo_;
   int level_ = -1;
 };
-
-// The options of the photo term.
-PhotoOptions MakePhotoOptions(const DataOptions& options);
 
 }  // namespace tessera

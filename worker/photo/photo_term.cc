@@ -41,8 +41,7 @@ double Seconds(const Clock* clock) { return clock ? 1e-6 * static_cast<double>(c
 
 }  // namespace
 
-ZnccWindow MakeWindow(int size_px, bool gaussian) {
-  ZnccWindow window;
+ZnccWindow MakeWindow(int size_px, bool gaussian, ZnccWindow window) {
   window.radius = std::clamp(size_px / 2, 1, ZnccWindow::kMaxRadius);
   const double sigma = (2 * window.radius + 1) / 4.0;
   double sum = 0;
@@ -255,10 +254,10 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<ui
         if (std::find_if(first, last, [&](int32_t face) { return face >= 0 && own[face] != 0; }) == last) continue;
       }
       strip.Reset(texels.width, height, options_.window.radius, row_begin, row_end);
-      FillStrip(camera.intrinsics, texels, maps_[i], offsets_.data(), options_.min_cosine, &strip);
+      FillStrip(camera.intrinsics, texels, maps_[i], offsets_.data(), &strip);
       SummarizeReference(texels, options_.window, &strip, &work->scratch);
       for (const ZnccPair& warp : warps) {
-        sums[s].Add(AccumulateZncc(warp, options_.window, options_.semantic, &strip, &work->scratch));
+        sums[s].Add(AccumulateZncc(warp, options_.window, options_.semantic_weight, &strip, &work->scratch));
       }
       gatherer_.AddStrip(static_cast<int>(s), strip, &work->slots);
     }

@@ -54,8 +54,7 @@ struct PhotoView {
 
 struct PhotoOptions {
   ZnccWindow window;
-  SemanticWeight semantic;    // ignored for pairs of which a view has no likelihoods
-  double min_cosine = 0.1;    // minimum, between a face's normal and the ray
+  float semantic_weight = 0;  // λ1, of E_sem; ignored for pairs of which a view has no likelihoods
   double occlusion_px = 1;    // tolerance of the depth test, in pixels of the other view
   int visitor_margin_px = 0;  // margin around own faces' pixels that the visitor reads
 };
@@ -68,8 +67,8 @@ struct PhotoSums {
   double seconds_visibility = 0, seconds_photo = 0;
 };
 
-// Weights of one window: Gaussian of sigma = size / 4, or box.
-ZnccWindow MakeWindow(int size_px, bool gaussian);
+// `window` with the size and the weights set: Gaussian of sigma = size / 4, or box.
+ZnccWindow MakeWindow(int size_px, bool gaussian, ZnccWindow window = {});
 
 // The kernel's parameters of a pair. `target`: of `other`. `reference` and `target` must outlive the result.
 ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, const WarpTarget& target,

@@ -17,12 +17,12 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 // Fills one row. The face map row must be readable in whole blocks.
 void FillRow(const PinholeCamera& k, const uint16_t* luminance, const int32_t* faces, const float* depth,
-             const float* offset, float min_cosine, int x0, int y0, int y, int begin, int end, ReferenceStrip* strip) {
+             const float* offset, int x0, int y0, int y, int begin, int end, ReferenceStrip* strip) {
   const hn::ScalableTag<float> d;
   const hn::RebindToSigned<decltype(d)> di;
   const hn::Rebind<uint16_t, decltype(d)> d16;
   const float ry = static_cast<float>((y0 + y + 0.5 - k.cy) / k.fy);
-  const auto ray_y = hn::Set(d, 1 + ry * ry), limit = hn::Set(d, -min_cosine), one = hn::Set(d, 1.0f);
+  const auto ray_y = hn::Set(d, 1 + ry * ry), limit = hn::Set(d, -kMinRayCosine), one = hn::Set(d, 1.0f);
   const auto per_pixel = hn::Set(d, static_cast<float>(1 / k.fx));
   const auto ramp = hn::Iota(d, static_cast<float>(0.5 - k.cx));
   float* out_depth = strip->depth.row(y);
@@ -69,23 +69,21 @@ void ReferenceStrip::Reset(int width, int height, int radius, int new_row_begin,
 }
 
 void FillStrip(const PinholeCamera& camera, const Texels& texels, const FaceMap& map, const float* offset,
-               double min_cosine, ReferenceStrip* strip) {
+               ReferenceStrip* strip) {
   const int whole = map.width / kPixelBlock * kPixelBlock, tail = map.width - whole;
-  const float cosine = static_cast<float>(min_cosine);
   for (int y = strip->depth.first_row; y < strip->depth.first_row + strip->depth.rows; ++y) {
     const uint16_t* luminance = texels.luminance.data() + texels.Index(0, y);
     const int32_t* faces = map.face.data() + static_cast<size_t>(y) * map.width;
     const float* depth = map.depth.data() + static_cast<size_t>(y) * map.width;
     HWY_DYNAMIC_DISPATCH(FillRow)
-    (camera, luminance, faces, depth, offset, cosine, texels.x0, texels.y0, y, 0, whole, strip);
+    (camera, luminance, faces, depth, offset, texels.x0, texels.y0, y, 0, whole, strip);
     int32_t last_faces[kPixelBlock];
     float last_depth[kPixelBlock] = {};
     std::fill_n(last_faces, kPixelBlock, -1);
     std::copy_n(faces + whole, tail, last_faces);
     std::copy_n(depth + whole, tail, last_depth);
     HWY_DYNAMIC_DISPATCH(FillRow)
-    (camera, luminance, last_faces, last_depth, offset, cosine, texels.x0, texels.y0, y, whole, whole + kPixelBlock,
-     strip);
+    (camera, luminance, last_faces, last_depth, offset, texels.x0, texels.y0, y, whole, whole + kPixelBlock, strip);
     std::fill(strip->depth_factor.row(y) + whole + kPixelBlock, strip->depth_factor.row(y) + strip->depth_factor.stride,
               0.0f);
   }

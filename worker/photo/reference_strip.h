@@ -23,9 +23,12 @@ struct ReferenceStrip {
   void Reset(int width, int height, int radius, int new_row_begin, int new_row_end);
 };
 
+// Minimum cosine between a face's normal and the ray.
+inline constexpr float kMinRayCosine = 0.1f;
+
 // Fills depth and depth_factor. `offset`: h of every face relative to the view's centre, metres. Pixels without
-// luminance, and those whose ray meets the face from behind or at a cosine below `min_cosine`, are not used.
+// luminance, and those whose ray meets the face from behind or at a cosine below kMinRayCosine, are not used.
 void FillStrip(const PinholeCamera& camera, const Texels& texels, const FaceMap& map, const float* offset,
-               double min_cosine, ReferenceStrip* strip);
+               ReferenceStrip* strip);
 
 }  // namespace tessera

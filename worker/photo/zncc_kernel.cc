@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 // SSSE3 alone is not worth its code: such machines take the baseline.
 #define HWY_DISABLED_TARGETS HWY_SSSE3
@@ -159,8 +160,7 @@ void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const LinesOfRo
   const Vec min_valid = hn::Set(d, window.min_valid), min_variance = hn::Set(d, window.min_variance);
   const Vec epsilon = hn::Set(d, window.epsilon), noise = hn::Set(d, window.noise_variance);
   const Vec max_difference = hn::Set(d, window.max_mean_difference), max_ratio = hn::Set(d, window.max_variance_ratio);
-  const bool robust = window.outlier < std::numeric_limits<float>::infinity();
-  const Vec inverse_outlier = hn::Set(d, robust ? 1 / window.outlier : 0);
+  const Vec inverse_outlier = hn::Set(d, 1 / window.outlier);
   for (int x = begin; x < end; x += static_cast<int>(hn::Lanes(d))) {
     const Vec centre = hn::LoadU(d, mask_row + x);
     ReferenceWindow w;
@@ -185,12 +185,8 @@ void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const LinesOfRo
     const Vec s = hn::Mul(a, inverse), inverse_v2 = hn::Mul(hn::Mul(root, noisy), inverse);
     const Vec r = hn::IfThenElseZero(ok, hn::Mul(hn::Mul(v1, root), hn::Mul(v2e, inverse)));
     const Vec zeta = hn::Mul(c, s);
-    Vec e = hn::Sub(one, zeta), rn = hn::Mul(r, w.inverse_n);
-    if (robust) {
-      const Vec share = hn::Div(one, hn::MulAdd(e, inverse_outlier, one));
-      e = hn::Mul(e, share);
-      rn = hn::Mul(rn, hn::Mul(share, share));
-    }
+    const Vec outlying = hn::Sub(one, zeta), share = hn::Div(one, hn::MulAdd(outlying, inverse_outlier, one));
+    const Vec e = hn::Mul(outlying, share), rn = hn::Mul(hn::Mul(r, w.inverse_n), hn::Mul(share, share));
     const Vec rs = hn::Mul(rn, s), rv = hn::Mul(rn, inverse_v2), rb = hn::Mul(rv, zeta);
     hn::StoreU(hn::Neg(rs), d, alpha + x);
     hn::StoreU(rb, d, beta + x);
@@ -352,7 +348,7 @@ void AdjointSlab(const Taps<R>& taps, int y, Rows& rows, ReferenceStrip* strip) 
 // Pipeline: as a slab of rows is warped, the windows R rows above it become complete and are scored, and the pixels
 // 2R rows above it get their derivatives. All intermediate rows stay in the cache.
 template <int R, bool kSemantic>
-ZnccSums RunStrip(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic, ReferenceStrip* strip,
+ZnccSums RunStrip(const ZnccPair& pair, const ZnccWindow& window, float semantic_weight, ReferenceStrip* strip,
                   ZnccScratch* scratch) {
   const Taps<R> taps(window);
   Rows rows(pair.reference->width, R, scratch);
@@ -362,9 +358,9 @@ ZnccSums RunStrip(const ZnccPair& pair, const ZnccWindow& window, const Semantic
       if (row < 0 || row >= pair.reference->height || row >= strip->row_end + 2 * R) {
         rows.ClearPixels(row);
       } else if (kSemantic && row >= strip->row_begin && row < strip->row_end) {
-        WarpRow<true>(pair, semantic, row, rows, strip, &sums);
+        WarpRow<true>(pair, semantic_weight, row, rows, strip, &sums);
       } else {
-        WarpRow<false>(pair, semantic, row, rows, strip, &sums);
+        WarpRow<false>(pair, semantic_weight, row, rows, strip, &sums);
       }
     }
     if (y - R + kSlab > strip->row_begin - R) {
@@ -418,44 +414,35 @@ void SummarizeStrip(const Texels& reference, const ZnccWindow& window, Reference
   }
 }
 
-template <bool kSemantic>
-ZnccSums RunWindow(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic,
-                   ReferenceStrip* strip, ZnccScratch* scratch) {
-  switch (window.radius) {
+// Calls body with the radius as a constant.
+template <class Body>
+auto WithRadius(int radius, const Body& body) {
+  switch (radius) {
     case 1:
-      return RunStrip<1, kSemantic>(pair, window, semantic, strip, scratch);
+      return body(std::integral_constant<int, 1>());
     case 2:
-      return RunStrip<2, kSemantic>(pair, window, semantic, strip, scratch);
+      return body(std::integral_constant<int, 2>());
     case 3:
-      return RunStrip<3, kSemantic>(pair, window, semantic, strip, scratch);
+      return body(std::integral_constant<int, 3>());
     case 4:
-      return RunStrip<4, kSemantic>(pair, window, semantic, strip, scratch);
+      return body(std::integral_constant<int, 4>());
     default:
-      return RunStrip<5, kSemantic>(pair, window, semantic, strip, scratch);
+      return body(std::integral_constant<int, 5>());
   }
 }
 
-ZnccSums Run(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic, ReferenceStrip* strip,
+ZnccSums Run(const ZnccPair& pair, const ZnccWindow& window, float semantic_weight, ReferenceStrip* strip,
              ZnccScratch* scratch) {
   const bool classes =
-      semantic.weight > 0 && pair.reference->classes > 0 && pair.reference->classes == pair.other->texels->classes;
-  return classes ? RunWindow<true>(pair, window, semantic, strip, scratch)
-                 : RunWindow<false>(pair, window, semantic, strip, scratch);
+      semantic_weight > 0 && pair.reference->classes > 0 && pair.reference->classes == pair.other->texels->classes;
+  return WithRadius(window.radius, [&](auto radius) {
+    return classes ? RunStrip<radius, true>(pair, window, semantic_weight, strip, scratch)
+                   : RunStrip<radius, false>(pair, window, semantic_weight, strip, scratch);
+  });
 }
 
 void Summarize(const Texels& reference, const ZnccWindow& window, ReferenceStrip* strip, ZnccScratch* scratch) {
-  switch (window.radius) {
-    case 1:
-      return SummarizeStrip<1>(reference, window, strip, scratch);
-    case 2:
-      return SummarizeStrip<2>(reference, window, strip, scratch);
-    case 3:
-      return SummarizeStrip<3>(reference, window, strip, scratch);
-    case 4:
-      return SummarizeStrip<4>(reference, window, strip, scratch);
-    default:
-      return SummarizeStrip<5>(reference, window, strip, scratch);
-  }
+  WithRadius(window.radius, [&](auto radius) { SummarizeStrip<radius>(reference, window, strip, scratch); });
 }
 
 }  // namespace HWY_NAMESPACE
@@ -480,9 +467,9 @@ void SummarizeReference(const Texels& reference, const ZnccWindow& window, Refer
   HWY_DYNAMIC_DISPATCH(Summarize)(reference, window, strip, scratch);
 }
 
-ZnccSums AccumulateZncc(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic,
-                        ReferenceStrip* strip, ZnccScratch* scratch) {
-  return HWY_DYNAMIC_DISPATCH(Run)(pair, window, semantic, strip, scratch);
+ZnccSums AccumulateZncc(const ZnccPair& pair, const ZnccWindow& window, float semantic_weight, ReferenceStrip* strip,
+                        ZnccScratch* scratch) {
+  return HWY_DYNAMIC_DISPATCH(Run)(pair, window, semantic_weight, strip, scratch);
 }
 
 }  // namespace tessera

@@ -193,7 +193,7 @@ HWY_INLINE void AddClass(Tag d, const EdgeTexels& top, const EdgeTexels& bottom,
 
 // E_sem of the pixels at x of one row. `cell`: index of the cell's first texel in the other view's planes.
 template <class Mask>
-HWY_INLINE void AddSemantic(const ZnccPair& pair, const SemanticWeight& semantic, int y, int x, Ints cell,
+HWY_INLINE void AddSemantic(const ZnccPair& pair, float semantic_weight, int y, int x, Ints cell,
                             const WarpedPosition& at, Mask mask, float* gradient, float* curvature, LaneSums* energy) {
   const Tag d;
   const Texels& other = *pair.other->texels;
@@ -212,16 +212,8 @@ HWY_INLINE void AddSemantic(const ZnccPair& pair, const SemanticWeight& semantic
     if (classes > 3) AddClass<3>(d, top, bottom, reference, at, sums);
   }
   constexpr float kUnit = 1 / (Texels::kLikelihoodSteps * Texels::kLikelihoodSteps);
-  Vec e = hn::Mul(sums.squares, hn::Set(d, 0.5f * kUnit));
-  Vec factor = hn::Set(d, semantic.weight * kUnit);
-  if (semantic.outlier < std::numeric_limits<float>::infinity()) {
-    const Vec one = hn::Set(d, 1.0f);
-    const Vec share = hn::Div(one, hn::MulAdd(e, hn::Set(d, 1 / semantic.outlier), one));
-    e = hn::Mul(e, share);
-    factor = hn::Mul(factor, hn::Mul(share, share));
-  }
-  energy->Add(d, x, hn::IfThenElseZero(mask, e));
-  factor = hn::IfThenElseZero(mask, factor);
+  energy->Add(d, x, hn::IfThenElseZero(mask, hn::Mul(sums.squares, hn::Set(d, 0.5f * kUnit))));
+  const Vec factor = hn::IfThenElseZero(mask, hn::Set(d, semantic_weight * kUnit));
   const Vec g = hn::IfThenElseZero(mask, hn::Mul(sums.gradient, factor));
   const Vec h = hn::IfThenElseZero(mask, hn::Mul(sums.curvature, factor));
   hn::StoreU(hn::Add(hn::LoadU(d, gradient + x), g), d, gradient + x);
@@ -257,8 +249,7 @@ HWY_INLINE void Prefetch(const uint32_t* plane, int64_t index) {
 // pixels outside the image are warped to its first pixel and masked, because a gather with valid addresses is cheaper
 // than divergent code. Visibility is tested against the nearest pixel only, which is one of the four gathered texels.
 template <bool kSemantic>
-void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& rows, ReferenceStrip* strip,
-             ZnccSums* totals) {
+void WarpRow(const ZnccPair& pair, float semantic_weight, int y, Rows& rows, ReferenceStrip* strip, ZnccSums* totals) {
   const Tag d;
   const IntTag di;
   const BitsTag du;
@@ -363,7 +354,7 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
     const bool seen = !hn::AllFalse(d, mask), lost = !hn::AllFalse(d, hn::AndNot(mask, used));
     flags[x / kPixelBlock] |= static_cast<uint8_t>((seen ? Rows::kSeen : 0) | (lost ? Rows::kLost : 0));
     if (kSemantic && seen) {
-      AddSemantic(pair, semantic, y, x, cell, at, mask, gradient_row, curvature_row, &energy);
+      AddSemantic(pair, semantic_weight, y, x, cell, at, mask, gradient_row, curvature_row, &energy);
       const Vec ones = hn::IfThenElseZero(mask, one);
       pixels.Add(d, x, ones);
       hn::StoreU(hn::Add(hn::LoadU(d, count_row + x), ones), d, count_row + x);

@@ -24,7 +24,7 @@ class PhotoOracle {
         other_image_(other.texels),
         options_(options),
         map_(RasterizeFaces(mesh, reference.camera)) {
-    if (options.semantic.weight > 0 && image_.classes == other_image_.classes) classes_ = image_.classes;
+    if (options.semantic_weight > 0 && image_.classes == other_image_.classes) classes_ = image_.classes;
     const FaceMap other_map = RasterizeFaces(mesh, other.camera);
     const int count = map_.width * map_.height;
     mask_.assign(count, false);
@@ -64,20 +64,19 @@ class PhotoOracle {
     double energy = 0;
     for (size_t i = 0; i < mask_.size(); ++i) {
       if (!mask_[i]) continue;
-      const double e = SemanticAt(static_cast<int>(i), samples[i]).energy;
-      energy += e / (1 + e / options_.semantic.outlier);
+      energy += SemanticAt(static_cast<int>(i), samples[i]).energy;
     }
     return energy;
   }
   double Energy(const Positions& v) const {
-    return PhotoEnergy(v) + (classes_ > 0 ? options_.semantic.weight * SemanticEnergy(v) : 0);
+    return PhotoEnergy(v) + (classes_ > 0 ? options_.semantic_weight * SemanticEnergy(v) : 0);
   }
 
   // Wrong formulas, each of which the gradient test must detect.
   enum Fault {
     kNone,
     kPointwise,      // treats a pixel as moving alone in its own window, as widely used code does
-    kNoOutlier,      // leaves out the derivative of the outlier functions
+    kNoOutlier,      // leaves out the derivative of the outlier function
     kOneClassFewer,  // forgets the last class
     kNoPerspective,  // leaves out the motion of the other view's depth
     kNearestTexel,   // takes the slope of the other image at the cell's corner
@@ -112,8 +111,7 @@ class PhotoOracle {
       derivative[i] *= samples[i].slope_z;
       if (classes_ == 0) continue;
       const Semantic at = SemanticAt(static_cast<int>(i), samples[i], fault == kOneClassFewer ? 1 : 0);
-      const double share = fault == kNoOutlier ? 1 : 1 / (1 + at.energy / options_.semantic.outlier);
-      derivative[i] += options_.semantic.weight * share * share * at.derivative_z;
+      derivative[i] += options_.semantic_weight * at.derivative_z;
     }
     Positions gradient(v.size(), Eigen::Vector3d::Zero());
     for (size_t i = 0; i < mask_.size(); ++i) {
@@ -152,7 +150,7 @@ class PhotoOracle {
     const int32_t f = map_.face[i];
     if (f < 0 || !image_.Valid(i % map_.width, i / map_.width)) return false;
     const Eigen::Vector3d ray = Ray(i);
-    if (FaceNormal(mesh_, f).dot(ray.normalized()) >= -options_.min_cosine) return false;
+    if (FaceNormal(mesh_, f).dot(ray.normalized()) >= -static_cast<double>(kMinRayCosine)) return false;
     const Eigen::Vector3d p = other_.Project(reference_.Centre() + Depth(mesh_.vertices, i) * ray);
     if (p.z() <= 0 || p.x() < 0.5 || p.y() < 0.5 || p.x() >= other_image_.width - 0.5 ||
         p.y() >= other_image_.height - 0.5) {

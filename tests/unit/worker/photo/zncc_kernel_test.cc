@@ -41,7 +41,7 @@ std::vector<int64_t> Targets() {
 
 struct Setting {
   int width = 40, height = 14, radius = 3, classes = 0;
-  float photo_outlier = std::numeric_limits<float>::infinity(), semantic_outlier = photo_outlier;
+  float photo_outlier = std::numeric_limits<float>::infinity();
   bool gaussian = true;
   uint64_t seed = 1;
 };
@@ -86,15 +86,16 @@ class RandomPair {
     window.min_valid = 0.4371f;
     window.epsilon = 1e-4f;
     window.noise_variance = 0.01f;
+    window.max_mean_difference = 1;
     window.max_variance_ratio = 1e6f;
     window.min_variance = -1;
     window.outlier = setting.photo_outlier;
-    semantic = {setting.classes > 0 ? 0.7f : 0.0f, setting.semantic_outlier};
+    semantic_weight = setting.classes > 0 ? 0.7f : 0.0f;
     RemoveAmbiguousPixels();
   }
 
   ZnccOracle<double> Expected() const {
-    ZnccOracle<double> oracle(pair, window, semantic, whole);
+    ZnccOracle<double> oracle(pair, window, semantic_weight, whole);
     oracle.Run();
     return oracle;
   }
@@ -109,14 +110,14 @@ class RandomPair {
     }
     ZnccScratch scratch;
     SummarizeReference(reference_, window, &strip, &scratch);
-    *sums = AccumulateZncc(pair, window, semantic, &strip, &scratch);
+    *sums = AccumulateZncc(pair, window, semantic_weight, &strip, &scratch);
     return strip;
   }
   ReferenceStrip Run(ZnccSums* sums) const { return Run(0, setting_.height, sums); }
 
   ZnccPair pair;
   ZnccWindow window;
-  SemanticWeight semantic;
+  float semantic_weight = 0;
   ReferenceStrip whole;
 
  private:
@@ -131,7 +132,7 @@ class RandomPair {
 
   // Excludes pixels whose decisions depend on rounding.
   void RemoveAmbiguousPixels() {
-    ZnccOracle<double> oracle(pair, window, semantic, whole);
+    ZnccOracle<double> oracle(pair, window, semantic_weight, whole);
     oracle.hair = 1e-4;
     oracle.Run();
     for (int i : oracle.doubtful) whole.depth_factor.row(i / setting_.width)[i % setting_.width] = 0;
@@ -190,7 +191,6 @@ TEST(ZnccKernel, MatchesPlainLoopsAtEveryWidth) {
       setting.gaussian = width % 3 != 0;
       setting.seed = 100 + width;
       if (width % 4 == 1) setting.photo_outlier = 0.4f;
-      if (width % 4 == 2) setting.semantic_outlier = 0.2f;
       Random random(width);
       const RandomPair input(setting, [&](int, int) { return random.Uniform() < share; });
       ExpectAgreement(input, setting);
@@ -211,7 +211,6 @@ TEST(ZnccKernel, MatchesPlainLoopsForEveryRadiusAndNumberOfClasses) {
       setting.width = 37;
       setting.height = 25;
       setting.photo_outlier = classes % 2 ? 0.5f : setting.photo_outlier;
-      setting.semantic_outlier = classes % 3 ? 0.3f : setting.semantic_outlier;
       ExpectAgreement(RandomPair(setting, [](int, int) { return true; }), setting);
     }
   }
@@ -242,7 +241,6 @@ RandomPair WidePair(int classes) {
   setting.height = 90;
   setting.classes = classes;
   setting.photo_outlier = 0.7f;
-  setting.semantic_outlier = 0.5f;
   return RandomPair(setting, [](int x, int y) { return (x / 90 + y / 40) % 3 != 0; });
 }
 

@@ -14,11 +14,10 @@ template <class Real>
 class ZnccOracle {
  public:
   // Adds one pair to gradient, curvature, count (width x height, no padding). `strip` must hold whole planes.
-  ZnccOracle(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic,
-             const ReferenceStrip& strip)
+  ZnccOracle(const ZnccPair& pair, const ZnccWindow& window, float semantic_weight, const ReferenceStrip& strip)
       : pair_(pair),
         window_(window),
-        semantic_(semantic),
+        semantic_weight_(semantic_weight),
         strip_(strip),
         width_(pair.reference->width),
         height_(pair.reference->height) {}
@@ -34,7 +33,7 @@ class ZnccOracle {
     for (std::vector<Real>* plane : {&gradient, &curvature, &count}) plane->resize(n, 0);
     for (std::vector<Real>* plane : {&mask_, &ref_, &other_, &slope_}) plane->assign(n, 0);
     classes_ =
-        semantic_.weight > 0 && pair_.reference->classes == pair_.other->texels->classes ? pair_.reference->classes : 0;
+        semantic_weight_ > 0 && pair_.reference->classes == pair_.other->texels->classes ? pair_.reference->classes : 0;
     for (int y = 0; y < height_; ++y) {
       for (int x = 0; x < width_; ++x) WarpPixel(x, y);
     }
@@ -91,11 +90,10 @@ class ZnccOracle {
       g += difference * slope;
       h += slope * slope;
     }
-    const Real share = 1 / (1 + e / Real(semantic_.outlier));
-    sums.semantic_energy += static_cast<double>(e * share);
+    sums.semantic_energy += static_cast<double>(e);
     sums.semantic_pixels += 1;
-    gradient[i] += Real(semantic_.weight) * share * share * g;
-    curvature[i] += Real(semantic_.weight) * share * share * h;
+    gradient[i] += Real(semantic_weight_) * g;
+    curvature[i] += Real(semantic_weight_) * h;
     count[i] += 1;
   }
 
@@ -164,7 +162,7 @@ class ZnccOracle {
 
   const ZnccPair& pair_;
   const ZnccWindow& window_;
-  const SemanticWeight& semantic_;
+  const float semantic_weight_;
   const ReferenceStrip& strip_;
   int width_, height_, classes_ = 0;
   std::vector<Real> mask_, ref_, other_, slope_;
