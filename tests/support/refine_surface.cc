@@ -69,11 +69,8 @@ StatusOr<SurfaceRefinement> RefineSurface(const SurfaceProblem& problem, const T
     pairs = SelectPairs(problem.mesh, cameras, problem.pairing);
   }
   TileWorkspace work(PackageOf(problem, pairs));
-  std::vector<TileView> views;
-  for (size_t v = 0; v < problem.views.size(); ++v) {
-    const RefineView& view = problem.views[v];
-    views.push_back({static_cast<int>(v), CameraWindow(view.camera, view.pixels->rect()), view.pixels});
-  }
+  std::vector<RefineView> views = problem.views;
+  for (size_t v = 0; v < views.size(); ++v) views[v].index = static_cast<int>(v);
   TileImages images(work.package(), std::move(views), options);
   std::vector<RefineStep> steps;
   for (int round = 0; round < problem.rounds; ++round) {

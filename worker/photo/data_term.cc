@@ -11,7 +11,7 @@
 namespace tessera {
 namespace {
 
-StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semantic) {
+StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool with_likelihoods) {
   PhotoView out;
   out.camera = PyramidCamera(view.camera, level);
   // Move the pixel origin to the middle of the whole image, where floats are most precise, at an even pixel (Texels).
@@ -24,7 +24,7 @@ StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semant
   out.depths = view.depths;
   TESSERA_ASSIGN_OR_RETURN(const StoredTexels stored, view.pixels->Level(level));
   out.stored = stored.CountedFrom(middle_x, middle_y);
-  if (!semantic || !view.asks_likelihoods) out.stored->classes = 0;
+  if (!with_likelihoods) out.stored->classes = 0;
   return out;
 }
 
@@ -45,18 +45,23 @@ int ReferenceMargin_px(int window_px, int level) {
 int TargetMargin_px(int level) { return 2 << level; }
 
 DataTerm::DataTerm(const std::vector<RefineView>& views, const std::vector<ViewPair>& pairs, const ViewGroups& groups,
-                   const MeshCells* cells, const DataOptions& options)
-    : problem_views_(views), pairs_(pairs), groups_(groups), cells_(cells), options_(options) {}
+                   const MeshCells* cells, bool uses_likelihoods, const DataOptions& options)
+    : refine_views_(views),
+      pairs_(pairs),
+      groups_(groups),
+      cells_(cells),
+      uses_likelihoods_(uses_likelihoods),
+      options_(options) {}
 
 Status DataTerm::EnterLevel(int level) {
   if (level == level_) return absl::OkStatus();
-  const bool semantic = options_.semantic > 0 || options_.contour > 0;
+  const bool with_likelihoods = uses_likelihoods_ && (options_.semantic > 0 || options_.contour > 0);
   level_ = -1;
   photo_.reset();
-  views_.assign(problem_views_.size(), PhotoView());
+  views_.assign(refine_views_.size(), PhotoView());
   std::vector<Status> read(views_.size());
   ParallelForEach(views_.size(), 1, [&](int64_t i) {
-    StatusOr<PhotoView> view = MakePhotoView(problem_views_[i], level, semantic);
+    StatusOr<PhotoView> view = MakePhotoView(refine_views_[i], level, with_likelihoods);
     read[i] = view.status();
     if (view.ok()) views_[i] = *std::move(view);
   });
@@ -79,7 +84,7 @@ void DataTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& ow
   const bool has_contours = options_.contour > 0 && !mesh.labels.empty();
   photo_->Evaluate(mesh, own, cells_, clock, &out->photo, has_contours ? PhotoTerm::MapVisitor(find) : nullptr);
   std::vector<int32_t> ids;
-  for (const RefineView& view : problem_views_) ids.push_back(view.id);
+  for (const RefineView& view : refine_views_) ids.push_back(view.id);
   out->contours = AddContours(contours, ids);
 }
 

@@ -25,9 +25,11 @@ namespace tessera {
 struct RefineView {
   PosedCamera camera;                        // of the whole image
   std::shared_ptr<const ViewPixels> pixels;  // part of the image
-  bool asks_likelihoods = true;              // use E_sem if the options and the pixels have it
   DepthRange depths = {};  // of all surfaces the job matches in this view; empty: derived from the mesh
   int32_t id = 0;          // the view's id in the job
+  int index = 0;           // in the tile's package
+
+  CameraWindow window() const { return {camera, pixels->rect()}; }
 };
 
 struct DataOptions {
@@ -53,9 +55,10 @@ int TargetMargin_px(int level);
 
 class DataTerm {
  public:
-  // All arguments except the options must outlive the object; `cells` may be null.
+  // All arguments except the options must outlive the object; `cells` may be null. `uses_likelihoods` false: E_sem and
+  // E_contour are off.
   DataTerm(const std::vector<RefineView>& views, const std::vector<ViewPair>& pairs, const ViewGroups& groups,
-           const MeshCells* cells, const DataOptions& options);
+           const MeshCells* cells, bool uses_likelihoods, const DataOptions& options);
 
   // Errors as ViewPixels.
   Status EnterLevel(int level);
@@ -71,10 +74,11 @@ class DataTerm {
   }
 
  private:
-  const std::vector<RefineView>& problem_views_;
+  const std::vector<RefineView>& refine_views_;
   const std::vector<ViewPair>& pairs_;
   const ViewGroups& groups_;
   const MeshCells* cells_;
+  const bool uses_likelihoods_;
   const DataOptions options_;
   std::vector<PhotoView> views_;
   std::unique_ptr<PhotoTerm> photo_;

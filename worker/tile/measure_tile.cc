@@ -12,8 +12,8 @@ namespace {
 StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileImages& images,
                                          const std::vector<Eigen::Vector3d>& positions, const TaskControl& control) {
   const TilePackage& package = work.package();
-  const std::vector<TileView>& views = images.views;
-  const ViewGroups& groups = images.data.groups;
+  const std::vector<RefineView>& views = images.views;
+  const ViewGroups& groups = images.groups;
   const TriangleMesh mesh = {positions, package.mesh.faces, {}};
   const CellBoxes boxes(mesh, &package.cells);
   FaceLikelihoods sums(mesh.faces.size(), static_cast<int>(package.classes.size()));
@@ -21,7 +21,7 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
   std::vector<FaceMap> maps;
   VisibleCellsProblem problem;
   problem.boxes = boxes.boxes();
-  for (const TileView& view : views) problem.views.push_back(view.window);
+  for (const RefineView& view : views) problem.views.push_back(view.window());
   problem.own = OwnCellsOfViews(package.cells, work.measured(), groups.selected, views.size());
   const VisibleCells sight = FindVisibleCells(problem);
   for (size_t v = 0; v < views.size(); ++v) {
@@ -31,7 +31,7 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
     if (!views[v].pixels->has_likelihoods()) continue;
     TESSERA_ASSIGN_OR_RETURN(const StoredTexels level, views[v].pixels->Level(0));
     const FloatImage likelihoods = LikelihoodImage(level);
-    const CameraWindow window(views[v].window.camera, sight.windows[v]);
+    const CameraWindow window(views[v].camera, sight.windows[v]);
     const MeshPart part = boxes.PartOf(sight.cells[v]);
     rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
     MarkNotSelected(groups, v, &maps[0]);

@@ -212,10 +212,10 @@ FloatImage LikelihoodImage(const StoredTexels& level) {
   return image;
 }
 
-StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const std::string& path) {
+StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(MappedArrays opened, MappedArrays::Open(path));
   const auto file = std::make_shared<const MappedArrays>(std::move(opened));
-  std::vector<TileView> views;
+  std::vector<RefineView> views;
   try {
     const json metadata = json::parse(file->metadata());
     if (metadata.at("tile") != package.tile) {
@@ -228,11 +228,12 @@ StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const 
         return absl::DataLossError(absl::StrCat(path, ": crop ", views.size(), ": found view ", crop.view,
                                                 ", expected one of ", package.views.size()));
       }
-      TileView view;
-      view.view = crop.view;
-      view.window = {package.views[crop.view].camera, crop.shape.rect};
-      view.pixels = std::make_shared<FilePixels>(file, views.size(), crop.shape);
-      views.push_back(std::move(view));
+      const auto& [near_m, far_m] = package.view_depths[crop.view];
+      views.push_back({package.views[crop.view].camera,
+                       std::make_shared<FilePixels>(file, views.size(), crop.shape),
+                       {static_cast<float>(near_m), static_cast<float>(far_m)},
+                       package.view_ids[crop.view],
+                       crop.view});
     }
   } catch (const json::exception& e) {
     return absl::DataLossError(path + ": found invalid metadata, expected that of crops: " + e.what());
@@ -240,32 +241,27 @@ StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const 
   return views;
 }
 
-TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool uses_labels) {
-  TileData data;
+std::vector<ViewPair> PairsOf(const TilePackage& package, const std::vector<RefineView>& views) {
   std::vector<int> loaded(package.views.size(), -1);
-  for (size_t v = 0; v < views.size(); ++v) {
-    loaded[views[v].view] = static_cast<int>(v);
-    const auto& [near_m, far_m] = package.view_depths[views[v].view];
-    data.views.push_back({views[v].window.camera,
-                          views[v].pixels,
-                          uses_labels,
-                          {static_cast<float>(near_m), static_cast<float>(far_m)},
-                          package.view_ids[views[v].view]});
-  }
+  for (size_t v = 0; v < views.size(); ++v) loaded[views[v].index] = static_cast<int>(v);
+  std::vector<ViewPair> pairs;
   for (const auto& [reference, other] : package.pairs) {
-    if (loaded[reference] >= 0 && loaded[other] >= 0) data.pairs.push_back({loaded[reference], loaded[other]});
+    if (loaded[reference] >= 0 && loaded[other] >= 0) pairs.push_back({loaded[reference], loaded[other]});
   }
+  return pairs;
+}
+
+ViewGroups GroupsOf(const TilePackage& package, const std::vector<RefineView>& views) {
+  ViewGroups groups;
   for (size_t c = 0; c < package.cell_at.size(); ++c) {
-    data.groups.group_of_face.insert(data.groups.group_of_face.end(),
-                                     package.cells.face_begin[c + 1] - package.cells.face_begin[c],
-                                     static_cast<uint32_t>(c));
-    const std::vector<int32_t>& looking = package.cell_views[c];
-    std::vector<uint8_t> selected;
-    for (const TileView& view : views)
-      selected.push_back(std::binary_search(looking.begin(), looking.end(), view.view));
-    data.groups.selected.push_back(std::move(selected));
+    groups.group_of_face.resize(package.cells.face_begin[c + 1], static_cast<uint32_t>(c));
+    const std::vector<int32_t>& of_cell = package.cell_views[c];
+    std::vector<uint8_t>& selected = groups.selected.emplace_back();
+    for (const RefineView& view : views) {
+      selected.push_back(std::binary_search(of_cell.begin(), of_cell.end(), view.index));
+    }
   }
-  return data;
+  return groups;
 }
 
 }  // namespace tessera

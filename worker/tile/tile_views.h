@@ -17,12 +17,6 @@
 
 namespace tessera {
 
-struct TileView {
-  int view = 0;                              // index in the package
-  CameraWindow window;                       // the part that shows the tile
-  std::shared_ptr<const ViewPixels> pixels;  // of the window
-};
-
 // Reads the views of a package from `scene_folder` one by one and writes their windows (TilePackage::view_rects) on
 // all pyramid levels to `path`, an array file. Views without a window are skipped. Luminance is rounded to 1 / 65534,
 // likelihoods to 1 / 255 (StoredTexels). One image is in memory at a time; the disk temporarily holds all crops
@@ -31,17 +25,15 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
                      const TaskControl& control);
 
 // The crops of `package` in the file, read on demand. DATA_LOSS if the file is damaged or belongs to another package.
-StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const std::string& path);
+StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::string& path);
 
 // One plane per class, in [0, 1]; level.mapping gives their position.
 FloatImage LikelihoodImage(const StoredTexels& level);
 
-// The views as input of the data term.
-struct TileData {
-  std::vector<RefineView> views;
-  std::vector<ViewPair> pairs;
-  ViewGroups groups;
-};
-TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool uses_labels);
+// The pairs of the package whose views are both among `views`, as indices into these.
+std::vector<ViewPair> PairsOf(const TilePackage& package, const std::vector<RefineView>& views);
+
+// The selection of `views` for the package's cells.
+ViewGroups GroupsOf(const TilePackage& package, const std::vector<RefineView>& views);
 
 }  // namespace tessera

@@ -92,7 +92,7 @@ StatusOr<std::shared_ptr<TileWorkspace>> TileWorkspace::Open(const std::string& 
 StatusOr<TileImages*> TileWorkspace::Images(const std::string& views_path, const TileRefineOptions& options) {
   TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(views_path));
   if (images_ == nullptr || images_content_ != content) {
-    TESSERA_ASSIGN_OR_RETURN(std::vector<TileView> views, OpenTileViews(package_, views_path));
+    TESSERA_ASSIGN_OR_RETURN(std::vector<RefineView> views, OpenTileViews(package_, views_path));
     images_ = std::make_unique<TileImages>(package_, std::move(views), options);
     images_content_ = content;
   }

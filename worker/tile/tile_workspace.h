@@ -50,14 +50,16 @@ struct TileSnapshot {
 
 // A tile's views and their data term.
 struct TileImages {
-  const std::vector<TileView> views;
-  const TileData data;
+  const std::vector<RefineView> views;
+  const std::vector<ViewPair> pairs;
+  const ViewGroups groups;
   DataTerm data_term;
 
-  TileImages(const TilePackage& package, std::vector<TileView> opened, const TileRefineOptions& options)
+  TileImages(const TilePackage& package, std::vector<RefineView> opened, const TileRefineOptions& options)
       : views(std::move(opened)),
-        data(MakeTileData(package, views, GeometryUsesLabels(package, options))),
-        data_term(data.views, data.pairs, data.groups, &package.cells, options.data) {}
+        pairs(PairsOf(package, views)),
+        groups(GroupsOf(package, views)),
+        data_term(views, pairs, groups, &package.cells, GeometryUsesLabels(package, options), options.data) {}
 };
 
 // Not thread-safe. Not movable: members refer to each other.

@@ -54,10 +54,10 @@ TEST(Crops, EqualTheImagesLoadedDirectly) {
       const auto views = OpenTileViews(package, cropped.paths[t]);
       ASSERT_TRUE(views.ok()) << views.status();
       ASSERT_GT(views->size(), 1u);
-      for (const TileView& view : *views) {
-        const SceneView& from = cropped.survey.views[package.view_ids[view.view]];
-        const PixelRect& rect = view.window.rect;
-        ASSERT_EQ(rect, package.view_rects[view.view]);
+      for (const RefineView& view : *views) {
+        const SceneView& from = cropped.survey.views[package.view_ids[view.index]];
+        const PixelRect& rect = view.pixels->rect();
+        ASSERT_EQ(rect, package.view_rects[view.index]);
         const auto whole = ReadLuminance(cropped.folder + "/" + from.image_path, from.lens);
         const auto level = view.pixels->Level(0);
         ASSERT_TRUE(whole.ok() && level.ok());
@@ -92,7 +92,7 @@ TEST(Crops, ContainAllPyramidLevels) {
     const Cropped cropped = CropScene(options);
     const auto views = OpenTileViews(cropped.packages[0], cropped.paths[0]);
     ASSERT_TRUE(views.ok()) << views.status();
-    for (const TileView& view : *views) {
+    for (const RefineView& view : *views) {
       StatusOr<StoredTexels> last = view.pixels->Level(0);
       ASSERT_TRUE(last.ok());
       EXPECT_EQ(last->same_resolution, !coarse);
