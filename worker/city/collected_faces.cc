@@ -41,4 +41,20 @@ CollectedFaces FaceCollector::Finish() {
   return out;
 }
 
+StatusOr<CollectedFaces> CollectCells(const CityReader& city, const GroundPlane& ground, const CellRect& rect,
+                                      const TaskControl& control) {
+  FaceCollector collector;
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    const CellRect& cells = city.cells(b);
+    if (cells.x0 >= rect.x1 || rect.x0 >= cells.x1 || cells.y0 >= rect.y1 || rect.y0 >= cells.y1) continue;
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(static_cast<double>(b) / static_cast<double>(city.block_count()), "reading the city");
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    for (size_t f = 0; f < block.face_ids.size(); ++f) {
+      if (rect.Contains(ground.Cell(block.mesh.Centroid(f)))) collector.Add(block, f);
+    }
+  }
+  return collector.Finish();
+}
+
 }  // namespace tessera

@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "common/base/status.h"
+#include "common/base/task_control.h"
 #include "common/geometry/mesh.h"
 #include "worker/city/city_file.h"
 
@@ -36,5 +38,9 @@ class FaceCollector {
   std::vector<uint8_t> taken_;                                  // per vertex of the current block: already in vertices_
   const uint32_t* block_ = nullptr;                             // identifies the current block
 };
+
+// The faces whose centroid lies in a rectangle of cells. Errors as CityReader::Block; CANCELLED.
+StatusOr<CollectedFaces> CollectCells(const CityReader& city, const GroundPlane& ground, const CellRect& rect,
+                                      const TaskControl& control = {});
 
 }  // namespace tessera

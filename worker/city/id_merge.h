@@ -9,6 +9,17 @@
 
 namespace tessera {
 
+// Calls found(i, k) for each some[i] == all[k]. Both ascend.
+template <class Found>
+void ForSharedIds(std::span<const uint32_t> some, std::span<const uint32_t> all, const Found& found) {
+  size_t k = 0;
+  for (size_t i = 0; i < some.size(); ++i) {
+    while (k < all.size() && all[k] < some[i]) ++k;
+    if (k == all.size()) return;
+    if (all[k] == some[i]) found(i, k);
+  }
+}
+
 // Iterates over the elements of all lists, ordered by key, then by list. `Key` is an unsigned integer. The lists must
 // be ascending and outlive the object. Each list is read sequentially, so lists may be mapped files. Not thread-safe.
 template <class Key>

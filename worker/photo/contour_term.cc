@@ -173,6 +173,14 @@ Matrix3d FaceContour::Curvature(int corner) const {
   return out;
 }
 
+void ContourSums::Append(uint32_t face, const FaceContour& contour, const std::vector<int32_t>& its_views) {
+  FaceContour& added = faces.emplace_back(contour);
+  added.face = face;
+  added.views_begin = static_cast<uint32_t>(views.size());
+  views.insert(views.end(), its_views.begin() + contour.views_begin, its_views.begin() + contour.views_end);
+  added.views_end = static_cast<uint32_t>(views.size());
+}
+
 std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
                                       const std::vector<uint8_t>& own, const PhotoView& view, const FaceMap& map,
                                       const ContourOptions& options) {

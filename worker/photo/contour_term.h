@@ -41,6 +41,9 @@ struct FaceContour {
 struct ContourSums {
   std::vector<FaceContour> faces;
   std::vector<int32_t> views;  // the job's view ids
+
+  // Appends a contour of other sums, with its views, as that of `face`.
+  void Append(uint32_t face, const FaceContour& contour, const std::vector<int32_t>& its_views);
 };
 
 // Contours of one view. `labels`: one per face; -1 or 255: none. `map`: of `mesh` in `view`; the pixels of own faces

@@ -9,16 +9,7 @@ namespace tessera {
 
 StatusOr<CollectedFaces> FacesOfCore(const CityReader& city, const GroundPlane& ground, const CellRect& rect,
                                      const CoreSpans& core) {
-  FaceCollector found;
-  for (size_t b = 0; b < city.block_count(); ++b) {
-    const CellRect& cells = city.cells(b);
-    if (cells.x0 >= rect.x1 || cells.x1 <= rect.x0 || cells.y0 >= rect.y1 || cells.y1 <= rect.y0) continue;
-    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
-    for (size_t f = 0; f < block.face_ids.size(); ++f) {
-      if (rect.Contains(ground.Cell(block.mesh.Centroid(f)))) found.Add(block, f);
-    }
-  }
-  CollectedFaces faces = found.Finish();
+  TESSERA_ASSIGN_OR_RETURN(CollectedFaces faces, CollectCells(city, ground, rect));
   if (!std::equal(faces.face_ids.begin(), faces.face_ids.end(), core.face_ids.begin(), core.face_ids.end()) ||
       !std::equal(faces.vertex_ids.begin(), faces.vertex_ids.end(), core.vertex_ids.begin(), core.vertex_ids.end())) {
     return absl::DataLossError(absl::StrCat("core of tile ", core.tile,

@@ -1,22 +1,8 @@
 #include "worker/tasks/refined_surface.h"
 
-#include <span>
+#include "worker/city/id_merge.h"
 
 namespace tessera {
-namespace {
-
-// Calls found(i, index) for each element of `some` that is in `all`, with its index there. Both ascend.
-template <class Found>
-void ForShared(std::span<const uint32_t> some, const std::vector<uint32_t>& all, const Found& found) {
-  size_t place = 0;
-  for (size_t i = 0; i < some.size(); ++i) {
-    while (place < all.size() && all[place] < some[i]) ++place;
-    if (place == all.size()) return;
-    if (all[place] == some[i]) found(i, place);
-  }
-}
-
-}  // namespace
 
 Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cells) {
   const Eigen::Vector2d low(cells.x0 - margin_cells, cells.y0 - margin_cells),
@@ -43,9 +29,9 @@ StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlan
   CollectedFaces found = collector.Finish();
   for (const MappedState& state : states) {
     const StateSpans& spans = state.spans();
-    ForShared(spans.vertex_ids, found.vertex_ids,
-              [&](size_t i, size_t v) { found.mesh.vertices[v] = spans.positions[i]; });
-    ForShared(spans.face_ids, found.face_ids, [&](size_t i, size_t f) { found.mesh.labels[f] = spans.labels[i]; });
+    ForSharedIds(spans.vertex_ids, found.vertex_ids,
+                 [&](size_t i, size_t v) { found.mesh.vertices[v] = spans.positions[i]; });
+    ForSharedIds(spans.face_ids, found.face_ids, [&](size_t i, size_t f) { found.mesh.labels[f] = spans.labels[i]; });
   }
   return found;
 }

@@ -16,19 +16,7 @@ StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& co
   TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kPlainSurveyFile)));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
-  const CellRect& core = parameters.tile.core;
-  FaceCollector collector;
-  for (size_t b = 0; b < city.block_count(); ++b) {
-    const CellRect& cells = city.cells(b);
-    if (cells.x0 >= core.x1 || core.x0 >= cells.x1 || cells.y0 >= core.y1 || core.y0 >= cells.y1) continue;
-    TESSERA_RETURN_IF_ERROR(control.Check());
-    control.Report(static_cast<double>(b) / static_cast<double>(city.block_count()), "reading the city");
-    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
-    for (size_t f = 0; f < block.face_ids.size(); ++f) {
-      if (core.Contains(survey.ground.Cell(block.mesh.Centroid(f)))) collector.Add(block, f);
-    }
-  }
-  CollectedFaces faces = collector.Finish();
+  TESSERA_ASSIGN_OR_RETURN(CollectedFaces faces, CollectCells(city, survey.ground, parameters.tile.core, control));
   TileState state;
   state.tile = parameters.tile.tile;
   state.vertex_ids = std::move(faces.vertex_ids);

@@ -43,15 +43,9 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
 void AddContours(const TileWorkspace& work, const ContourSums& contours, ContourSums* core) {
   std::vector<uint32_t> index(work.package().face_ids.size(), 0);
   for (uint32_t i = 0; i < work.core_faces().size(); ++i) index[work.core_faces()[i]] = i;
-  for (FaceContour contour : contours.faces) {
+  for (const FaceContour& contour : contours.faces) {
     if (!(work.package().regions[contour.face] & kCoreRegion)) continue;  // contours of the sample are not compared
-    contour.face = index[contour.face];
-    const auto begin = static_cast<uint32_t>(core->views.size());
-    core->views.insert(core->views.end(), contours.views.begin() + contour.views_begin,
-                       contours.views.begin() + contour.views_end);
-    contour.views_begin = begin;
-    contour.views_end = static_cast<uint32_t>(core->views.size());
-    core->faces.push_back(contour);
+    core->Append(index[contour.face], contour, contours.views);
   }
 }
 

@@ -258,27 +258,36 @@ std::vector<uint32_t> TileWorkspace::PlacesIn(const RegionMesh& part) const {
   return places;
 }
 
-StatusOr<std::vector<FaceSums>> TileWorkspace::AssemblePhoto(const std::vector<TileSums>& sums, Region region,
-                                                             const std::vector<uint8_t>& frozen) {
-  const RegionMesh& part = this->region(region);
-  std::vector<FaceSums> out(part.faces.size());
-  std::vector<uint8_t> has(out.size(), 0);
+template <class Take>
+Status TileWorkspace::AssembleFaces(const std::vector<TileSums>& sums, const RegionMesh& part, const char* what,
+                                    const std::vector<uint8_t>& frozen, const Take& take) const {
+  std::vector<uint8_t> has(part.faces.size(), 0);
   const std::vector<uint32_t> local = PlacesIn(part);
   for (const TileSums& tile : sums) {
-    if (tile.photo.empty()) continue;
     faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) {
       const uint32_t at = local[f];
-      if (at == kNone) return;
-      has[at] = 1;
-      out[at] = tile.photo[i];
+      if (at != kNone && take(tile, i, at)) has[at] = 1;
     });
   }
   for (size_t i = 0; i < has.size(); ++i) {
     const uint32_t f = part.faces[i];
     if (!has[i] && (frozen.empty() || !frozen[f])) {
-      return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no sums of face ", package_.face_ids[f]));
+      return absl::DataLossError(
+          absl::StrCat("tile ", package_.tile, ": no ", what, " of face ", package_.face_ids[f]));
     }
   }
+  return absl::OkStatus();
+}
+
+StatusOr<std::vector<FaceSums>> TileWorkspace::AssemblePhoto(const std::vector<TileSums>& sums, Region region,
+                                                             const std::vector<uint8_t>& frozen) {
+  const RegionMesh& part = this->region(region);
+  std::vector<FaceSums> out(part.faces.size());
+  TESSERA_RETURN_IF_ERROR(AssembleFaces(sums, part, "sums", frozen, [&](const TileSums& tile, size_t i, uint32_t at) {
+    if (tile.photo.empty()) return false;
+    out[at] = tile.photo[i];
+    return true;
+  }));
   return out;
 }
 
@@ -300,16 +309,7 @@ StatusOr<ContourSums> TileWorkspace::AssembleContours(const std::vector<TileSums
   }
   std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.face < b.face; });
   ContourSums out;
-  for (const Entry& entry : entries) {
-    FaceContour contour = *entry.contour;
-    contour.face = entry.face;
-    const auto& views = entry.tile->contours.views;
-    contour.views_begin = static_cast<uint32_t>(out.views.size());
-    out.views.insert(out.views.end(), views.begin() + entry.contour->views_begin,
-                     views.begin() + entry.contour->views_end);
-    contour.views_end = static_cast<uint32_t>(out.views.size());
-    out.faces.push_back(contour);
-  }
+  for (const Entry& entry : entries) out.Append(entry.face, *entry.contour, entry.tile->contours.views);
   return out;
 }
 
@@ -318,24 +318,13 @@ StatusOr<FaceLikelihoods> TileWorkspace::AssembleLikelihoods(const std::vector<T
   const RegionMesh& part = this->region(region);
   const int classes = static_cast<int>(package_.classes.size());
   FaceLikelihoods out(part.faces.size(), classes);
-  const std::vector<uint32_t> local = PlacesIn(part);
-  std::vector<uint8_t> has(part.faces.size(), 0);
-  for (const TileSums& tile : sums) {
-    if (tile.pixels.empty() || tile.classes != classes) continue;
-    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) {
-      const uint32_t at = local[f];
-      if (at == kNone) return;
-      has[at] = 1;
-      out.pixels[at] = tile.pixels[i];
-      std::copy_n(&tile.likelihoods[i * classes], classes, &out.sum[static_cast<size_t>(at) * classes]);
-    });
-  }
-  for (size_t i = 0; i < has.size(); ++i) {
-    if (!has[i] && (frozen.empty() || !frozen[part.faces[i]])) {
-      return absl::DataLossError(
-          absl::StrCat("tile ", package_.tile, ": no likelihoods of face ", package_.face_ids[part.faces[i]]));
-    }
-  }
+  TESSERA_RETURN_IF_ERROR(
+      AssembleFaces(sums, part, "likelihoods", frozen, [&](const TileSums& tile, size_t i, uint32_t at) {
+        if (tile.pixels.empty() || tile.classes != classes) return false;
+        out.pixels[at] = tile.pixels[i];
+        std::copy_n(&tile.likelihoods[i * classes], classes, &out.sum[static_cast<size_t>(at) * classes]);
+        return true;
+      }));
   return out;
 }
 

@@ -13,6 +13,7 @@
 
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
+#include "worker/city/id_merge.h"
 #include "worker/label/cells.h"
 #include "worker/label/unary.h"
 #include "worker/photo/contour_term.h"
@@ -121,14 +122,15 @@ class TileWorkspace {
     // Calls found(i, place) for each id others[i] (ascending) that the package has.
     template <class Found>
     void ForShared(std::span<const uint32_t> others, const Found& found) const {
-      size_t at = 0;
-      for (size_t i = 0; i < others.size(); ++i) {
-        while (at < ids.size() && ids[at] < others[i]) ++at;
-        if (at == ids.size()) return;
-        if (ids[at] == others[i]) found(i, places[at]);
-      }
+      ForSharedIds(others, ids, [&](size_t i, size_t at) { found(i, places[at]); });
     }
   };
+
+  // Calls take(tile, i, face) for each face of `part` (index in it) that is face i of one of the sums; it returns
+  // whether they have it. DATA_LOSS if a face without a flag in `frozen` is missing.
+  template <class Take>
+  Status AssembleFaces(const std::vector<TileSums>& sums, const RegionMesh& part, const char* what,
+                       const std::vector<uint8_t>& frozen, const Take& take) const;
 
   // Per face of the package: its index in the region, or kNone.
   std::vector<uint32_t> PlacesIn(const RegionMesh& part) const;
