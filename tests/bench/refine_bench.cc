@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <ctime>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -36,7 +37,6 @@ struct Arguments {
   std::string scene, out;
   double max_footprint_px2 = DensityOptions().max_footprint_px2;
   int threads = 0;
-  bool verbose = false;
   double best_angle_deg = 15;
   SurfaceProblem problem;
   TileRefineOptions refine;
@@ -47,7 +47,6 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--out", a.out, "refined mesh (PLY)");
   app.add_option("--footprint", a.max_footprint_px2, "largest face, square pixels");
   app.add_option("--threads", a.threads, "0: one for each core");
-  app.add_flag("--verbose", a.verbose, "a line for each iteration");
   app.add_option("--levels", a.problem.levels)->delimiter(',');
   app.add_option("--iterations", a.problem.iterations)->delimiter(',');
   app.add_option("--window", a.refine.data.window_px);
@@ -121,13 +120,12 @@ Status Bench(Arguments& a) {
   const TileRefinement& report = refined.tile;
   const std::vector<Eigen::Vector3d>& vertices = refined.vertices;
   const double cpu_s = 1e-6 * static_cast<double>(clock.MonotonicUs()) - begin_s;
-  if (a.verbose) {
-    for (const IterationReport& step : report.iterations) {
-      std::printf("  level %d  energy %.5f  moved %.3f px  windows %.2f M\n", step.level, step.energy, step.moved_px,
-                  1e-6 * static_cast<double>(step.windows));
-    }
+  double pixel_pairs = 0;
+  for (const nlohmann::json& round : nlohmann::json::parse(report.state.report).at("rounds")) {
+    pixel_pairs += round.value("warped_pixels", 0.0);
+    std::printf("energy on the finest level %.5f -> %.5f\n", round.value("photo_energy_start", 0.0),
+                round.value("photo_energy_end", 0.0));
   }
-  const double pixel_pairs = static_cast<double>(report.warped_pixels);
   double moved_rms_m = 0, moved_max_m = 0;
   for (size_t v = 0; v < vertices.size(); ++v) {
     const double moved_m = (vertices[v] - problem.mesh.vertices[v]).norm();

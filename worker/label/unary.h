@@ -17,7 +17,6 @@ struct FaceLikelihoods {
 
   FaceLikelihoods(size_t faces, int class_count)
       : classes(class_count), sum(faces * class_count, 0.0f), pixels(faces, 0.0f) {}
-  size_t faces() const { return pixels.size(); }
 };
 
 // Adds one view: each pixel of `map` that sees a face adds the likelihoods at the position given by `mapping`.

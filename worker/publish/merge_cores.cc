@@ -100,7 +100,6 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
       return absl::DataLossError(absl::StrCat("face ", face.id, ": found in no tile's core, expected in one"));
     }
     const CoreSpans& core = cores_[in_cores.list()];
-    face.tile = core.tile;
     face.label = core.labels[in_cores.index()];
     face.confidence = core.confidence[in_cores.index()];
     std::span<const FlippedFace>& flipped = flipped_left[in_cores.list()];

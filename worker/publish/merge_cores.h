@@ -62,7 +62,6 @@ struct MergedFace {
   double area_before_m2 = 0;
   int32_t label_before = -1;
   uint32_t input_face = 0;
-  int tile = 0;  // whose core contains it
   int32_t label = -1;
   float confidence = 0;
 };

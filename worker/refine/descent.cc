@@ -221,10 +221,10 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
   }
 }
 
-StepDependencyRadius StepDependencyRadiusOf(const StepOptions& options, const MotionLimits& limits) {
+StepDependencyRadius StepDependencyRadiusOf(int smoothing_sweeps, const MotionLimits& limits) {
   StepDependencyRadius reach;
   reach.gradient = std::max(SmoothTerm::kGradientRings, InterTerm::kGradientRings);
-  reach.sweeps = SmoothTerm::SolveRings(options.smoothing_sweeps);
+  reach.sweeps = SmoothTerm::SolveRings(smoothing_sweeps);
   reach.start = limits.start_smoothing_steps + 1;
   reach.folding = MotionGuard::kFoldingPasses;
   return reach;

@@ -136,7 +136,7 @@ struct StepOptions {
   double evidence = 0;  // per metre²: data curvature at which the acceleration has half its effect
 };
 
-StepDependencyRadius StepDependencyRadiusOf(const StepOptions& options, const MotionLimits& limits);
+StepDependencyRadius StepDependencyRadiusOf(int smoothing_sweeps, const MotionLimits& limits);
 
 // The damped Gauss-Newton step of data and smoothness terms at `mesh`: solves (curvatures + A) step = -(gradients),
 // applies the acceleration with `last` (the previous iteration's step; empty: none), limits each vertex's length, and

@@ -20,7 +20,6 @@ struct OneRings {
   // twice.
   std::vector<std::array<uint32_t, 2>> along_boundary;
 
-  size_t vertices() const { return on_boundary.size(); }
   uint32_t degree(size_t v) const { return begin[v + 1] - begin[v]; }
 };
 

@@ -353,7 +353,6 @@ SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& 
     for (uint32_t f = 0; f < is_defective.size(); ++f) {
       if (is_defective[f]) defective.push_back(f);
     }
-    if (pass == 0) result.defective_faces = static_cast<int64_t>(defective.size());
     if (defective.empty() || pass == kPasses.size()) break;
     ++result.passes;
     active = motion.MoveBack(defective, kPasses[pass]);

@@ -55,11 +55,9 @@ class SurfaceRepair {
   using FaceTest = std::function<bool(uint32_t face, const Positions& from, const Positions& to)>;
 
   struct Result {
-    int64_t defective_faces = 0;   // faces with new intersections or failed tests before the repair
     int64_t changed_vertices = 0;  // vertices moved back, completely or in part
     int passes = 0;                // passes that changed something
     std::vector<uint32_t> left;    // faces still defective after the last pass, ascending
-    bool clean() const { return left.empty(); }
   };
 
   // A pass moves vertices back around the defective faces: their corners keep the share `least` of their motion, and
@@ -85,7 +83,7 @@ class SurfaceRepair {
   // Pairs that intersect in `start` are accepted. `faces_of_vertex` must outlive the object.
   SurfaceRepair(const TriangleMesh& start, const CsrRows& faces_of_vertex);
 
-  // `vertices`: positions that a stage produced from `good`. If the result is clean, no two faces intersect that did
+  // `vertices`: positions that a stage produced from `good`. If no faces are left, no two faces intersect that did
   // not at the start, and every face passes `test` (may be null): vertices around defective faces are moved back
   // towards `good`. Vertices that did not move stay. The result does not depend on the number of threads.
   Result Run(const Positions& good, const FaceTest& test, Positions* vertices);

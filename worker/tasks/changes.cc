@@ -10,7 +10,6 @@
 #include "worker/changes/surface_raster.h"
 #include "worker/publish/outdated_faces.h"
 #include "worker/tasks/change_files.h"
-#include "worker/tasks/open_states.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/task_functions.h"
 

@@ -1,8 +1,21 @@
 #include "worker/tasks/refined_surface.h"
 
+#include <utility>
+
+#include "common/job/task_parameters.h"
 #include "worker/city/id_merge.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
+
+StatusOr<std::vector<MappedState>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles) {
+  std::vector<MappedState> states;
+  for (const int tile : tiles) {
+    TESSERA_ASSIGN_OR_RETURN(MappedState state, MappedState::Open(InputPath(request, TileInputName(tile, kStateFile))));
+    states.push_back(std::move(state));
+  }
+  return states;
+}
 
 Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cells) {
   const Eigen::Vector2d low(cells.x0 - margin_cells, cells.y0 - margin_cells),

@@ -1,4 +1,4 @@
-// A part of the city's surface with the tiles' current states.
+// The tiles' current states, and a part of the city's surface with them.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -8,9 +8,13 @@
 #include "common/job/ground.h"
 #include "worker/city/city_file.h"
 #include "worker/city/collected_faces.h"
+#include "worker/tasks/task.h"
 #include "worker/tile/tile_files.h"
 
 namespace tessera {
+
+// The states of these tiles; their kStateFile are among the request's inputs. Errors as MappedState::Open.
+StatusOr<std::vector<MappedState>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles);
 
 // The faces that may be above `plan` (metres in the ground plane), with labels. Positions and labels are those of
 // `states` where available, else of the start. Errors as the city's.

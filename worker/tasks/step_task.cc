@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
-#include "worker/tasks/open_states.h"
+#include "worker/tasks/refined_surface.h"
 #include "worker/tasks/task_functions.h"
 #include "worker/tile/methods.h"
 

@@ -216,10 +216,7 @@ CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const T
   out.sight.reference_margin_px = ReferenceMargin_px(window_px, coarsest_level);
   out.sight.target_margin_px = TargetMargin_px(coarsest_level);
   out.sight.alignment_px = 1 << coarsest_level;
-  StepOptions step;
-  step.smoothing_sweeps = stepper.smoothing_sweeps;
-  step.inter = 1;  // the largest radius of any method
-  out.reach.solve_rings = StepDependencyRadiusOf(step, limits).rings();
+  out.reach.solve_rings = StepDependencyRadiusOf(stepper.smoothing_sweeps, limits).rings();
   out.reach.repair = RepairDependencyRadiusOf(stepper);
   out.reach.contact_m = 2 * out.sight.motion_m;
   out.reach.label = LabelDependencyRadiusOf(options.solver);

@@ -21,12 +21,6 @@ std::string StepText(const TileStep& at) {
   return absl::StrCat("round ", at.step.round + 1, ", level ", at.step.level, ", step ", at.level_iteration + 1);
 }
 
-double Rms(const std::vector<Eigen::Vector3f>& steps) {
-  double sum = 0;
-  for (const Eigen::Vector3f& step : steps) sum += step.cast<double>().squaredNorm();
-  return steps.empty() ? 0 : std::sqrt(sum / static_cast<double>(steps.size()));
-}
-
 }  // namespace
 
 StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, const std::vector<TileStep>& steps,
@@ -37,7 +31,6 @@ StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, con
   const auto repair = [&](RepairStage stage) -> Status {
     const int64_t start_us = clock.MonotonicUs();
     TESSERA_ASSIGN_OR_RETURN(const CoreRepair repaired, Repair(work, stage, options, &snapshot));
-    out.repaired_vertices += repaired.changed_vertices;
     out.left_faces += repaired.left_faces;
     out.seconds_repair += SecondsSince(clock, start_us);
     return absl::OkStatus();
@@ -73,10 +66,6 @@ StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, con
     out.seconds_visibility += photo.seconds_visibility;
     out.seconds_data += measured_s - sums.seconds_loading - photo.seconds_visibility;
     out.seconds_step += SecondsSince(clock, start_us) - measured_s;
-    out.warped_pixels += sums.warped_pixels;
-    out.iterations.push_back({at.step.level, sums.energy, sums.semantic_energy,
-                              Rms(snapshot.last_step) / std::ldexp(work.package().gsd_m, at.step.level),
-                              photo.sums.windows});
     if (at.step.ends_level) TESSERA_RETURN_IF_ERROR(repair(RepairStage::kLevel));
   }
   FillConfidence(work.package(), &snapshot);

@@ -14,19 +14,9 @@
 
 namespace tessera {
 
-// One iteration of the geometry.
-struct IterationReport {
-  int level = 0;
-  double energy = -1, semantic_energy = -1;  // before the step, as StepSums has them
-  double moved_px = 0;                       // RMS of the step, pixels of the level
-  int64_t windows = 0;                       // accepted ones
-};
-
 struct TileRefinement {
   TileState state;
-  std::vector<IterationReport> iterations;
-  int64_t left_faces = 0, repaired_vertices = 0;  // CoreRepair, all repairs together
-  int64_t warped_pixels = 0;                      // reference pixels x partners x evaluations
+  int64_t left_faces = 0;  // CoreRepair, all repairs together
   double seconds_loading = 0, seconds_visibility = 0, seconds_data = 0, seconds_step = 0, seconds_repair = 0,
          seconds_labels = 0;
 };

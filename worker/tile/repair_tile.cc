@@ -25,12 +25,6 @@ std::vector<Eigen::AlignedBox3d> SweptBoxes(const std::vector<Triangle>& faces, 
   return boxes;
 }
 
-// Repair of the whole city, with the guard and the boxes that the stepper keeps from one level to the next.
-CoreRepair RepairAll(Stepper& stepper, const std::vector<Vector3d>& good, std::vector<Vector3d>* positions) {
-  const SurfaceRepair::Result repaired = stepper.Repair(good, positions);
-  return {repaired.changed_vertices, static_cast<int64_t>(repaired.left.size())};
-}
-
 }  // namespace
 
 StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRefineOptions& options,
@@ -55,7 +49,9 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
       if (stage == RepairStage::kStart) positions.swap(good);
     }
     if (work.whole()) {
-      repaired = RepairAll(work.SolveStepper(*snapshot, options), good, &positions);
+      // With the guard and the boxes that the stepper keeps from one level to the next.
+      const SurfaceRepair::Result all = work.SolveStepper(*snapshot, options).Repair(good, &positions);
+      repaired = {all.changed_vertices, static_cast<int64_t>(all.left.size())};
     } else {
       std::vector<uint8_t> core;
       for (const uint32_t f : region.faces) core.push_back(package.regions[f] & kCoreRegion);

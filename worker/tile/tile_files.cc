@@ -291,17 +291,6 @@ Status WriteTileState(const std::string& path, const TileState& s) {
   return WriteArrayFile(path, file);
 }
 
-StateSpans::StateSpans(const TileState& state)
-    : tile(state.tile),
-      vertex_ids(state.vertex_ids),
-      face_ids(state.face_ids),
-      positions(state.positions),
-      level_start(state.level_start),
-      last_step(state.last_step),
-      labels(state.labels),
-      confidence(state.confidence),
-      report(state.report) {}
-
 StatusOr<MappedState> MappedState::Open(const std::string& path) {
   MappedState state;
   TESSERA_ASSIGN_OR_RETURN(state.file_, MappedArrays::Open(path));

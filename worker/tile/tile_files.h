@@ -114,10 +114,8 @@ struct TileState {
 
 Status WriteTileState(const std::string& path, const TileState& state);
 
-// A view of a state in memory or in a mapped file.
+// A view of a state.
 struct StateSpans {
-  StateSpans() = default;
-  explicit StateSpans(const TileState& state);
   int tile = 0;
   std::span<const uint32_t> vertex_ids, face_ids;
   std::span<const Eigen::Vector3d> positions, level_start;

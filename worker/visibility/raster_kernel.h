@@ -59,9 +59,6 @@ struct DepthPlane {
     const float value = static_cast<float>(at_a + (area_b * for_b + area_c * for_c));
     return std::min(std::max(value, low), high);
   }
-  float At(int64_t area_b, int64_t area_c) const {
-    return At(static_cast<double>(area_b), static_cast<double>(area_c));
-  }
 };
 
 // Rounds in coordinates of the whole image, so that all windows give the same vertices.

@@ -180,14 +180,6 @@ Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
-void Rasterizer::ForEachView(size_t views, const std::function<void(size_t, Workspace&)>& body) {
-  ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t begin, int64_t end) {
-    std::unique_ptr<Workspace> workspace = pool_->Take();
-    for (int64_t view = begin; view < end; ++view) body(static_cast<size_t>(view), *workspace);
-    pool_->Return(std::move(workspace));
-  });
-}
-
 void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts,
                            std::span<const CameraWindow> windows, std::vector<FaceMap>* maps, double near_m) {
   maps->resize(windows.size());
@@ -199,8 +191,10 @@ void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> p
     pool_->Return(std::move(workspace));
     return;
   }
-  ForEachView(windows.size(), [&](size_t view, Workspace& workspace) {
-    workspace.Draw(mesh, parts[view], windows[view], near_m, false, &(*maps)[view]);
+  ParallelForEach(windows.size(), 1, [&](size_t view) {
+    std::unique_ptr<Workspace> workspace = pool_->Take();
+    workspace->Draw(mesh, parts[view], windows[view], near_m, false, &(*maps)[view]);
+    pool_->Return(std::move(workspace));
   });
 }
 

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <limits>
 #include <memory>
 #include <span>
@@ -54,8 +53,6 @@ class Rasterizer {
  private:
   struct Workspace;
   struct Pool;
-  // Calls body(view, workspace) for each view, on all threads.
-  void ForEachView(size_t views, const std::function<void(size_t view, Workspace& workspace)>& body);
 
   std::unique_ptr<Pool> pool_;
 };

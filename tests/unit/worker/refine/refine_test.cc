@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "common/base/parallel.h"
 #include "tests/support/held_pixels.h"
@@ -55,9 +56,9 @@ struct Bed {
     const StatusOr<SurfaceRefinement> refined = RefineSurface(problem, options);
     EXPECT_TRUE(refined.ok()) << refined.status();
     if (!refined.ok()) return {};
-    const std::vector<IterationReport>& iterations = refined->tile.iterations;
-    const double before = iterations[iterations.size() - problem.iterations.back()].energy;
-    EXPECT_LT(iterations.back().energy, (at_truth ? 1.05 : 1) * before);
+    const auto round = nlohmann::json::parse(refined->tile.state.report).at("rounds").back();
+    const double before = round.at("photo_energy_start"), after = round.at("photo_energy_end");
+    EXPECT_LT(after, (at_truth ? 1.05 : 1) * before);
     return refined->vertices;
   }
 };

@@ -177,7 +177,7 @@ TEST(SurfaceRepair, RadiusOfAPassIsAttained) {
   in.proposed[spike].z() = 1.3;
   Positions out;
   const SurfaceRepair::Result result = in.Run(&out);
-  ASSERT_TRUE(result.clean());
+  ASSERT_TRUE(result.left.empty());
   ASSERT_EQ(result.passes, 1);
   const CsrRows faces_of_vertex = FacesOfVertices(in.start);
   std::vector<uint8_t> corners(in.start.vertices.size());

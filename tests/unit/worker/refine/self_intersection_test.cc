@@ -145,7 +145,7 @@ TEST(SurfaceRepair, DoesNotChangeACleanMotion) {
   for (Vector3d& v : moved.vertices) v.z() += 0.3 * std::sin(v.x());
   const Repaired out = Repair(start, moved.vertices, nullptr);
   EXPECT_EQ(out.mesh.vertices, moved.vertices);
-  EXPECT_EQ(out.result.defective_faces, 0);
+  EXPECT_EQ(out.result.passes, 0);
   EXPECT_EQ(out.result.changed_vertices, 0);
 }
 
@@ -161,7 +161,7 @@ TEST(SurfaceRepair, SeparatesIntersectingSheets) {
   moved.vertices[5].z() += 0.05;  // far away, must stay
   ASSERT_GT(IntersectingFacePairs(moved).size(), 50u);
   const Repaired out = Repair(start, moved.vertices, nullptr);
-  EXPECT_TRUE(out.result.clean());
+  EXPECT_TRUE(out.result.left.empty());
   EXPECT_TRUE(PairsByCgal(out.mesh).empty());
   EXPECT_EQ(out.mesh.vertices[5], moved.vertices[5]);
   double kept = 0, wanted = 0;
@@ -184,7 +184,7 @@ TEST(SurfaceRepair, KeepsThinWallsApart) {
     ASSERT_FALSE(PairsByCgal(moved).empty());
     const MotionGuard guard(start, {}, {});
     const Repaired out = Repair(start, moved.vertices, &guard);
-    EXPECT_TRUE(out.result.clean());
+    EXPECT_TRUE(out.result.left.empty());
     EXPECT_TRUE(PairsByCgal(out.mesh).empty()) << thickness;
     EXPECT_EQ(guard.InvertedFaces(out.mesh.vertices), guard.InvertedFaces(start.vertices)) << thickness;
   }
@@ -234,7 +234,7 @@ TEST(SurfaceRepair, TerminatesForAnyMotionIndependentOfThreads) {
       two = Repair(start, moved.vertices, &guard);
     }
     EXPECT_EQ(one.mesh.vertices, two.mesh.vertices);
-    EXPECT_TRUE(one.result.clean());
+    EXPECT_TRUE(one.result.left.empty());
     EXPECT_TRUE(PairsByCgal(one.mesh).empty()) << sigma;
   }
 }

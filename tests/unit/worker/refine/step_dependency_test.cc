@@ -140,7 +140,7 @@ TEST(StepDependency, NothingOutsideTheRadiusMatters) {
     Random random(seed);
     const StepInput in = RandomStep(random);
     const std::vector<uint8_t> core = RandomCore(in.mesh, FacesOfVertices(in.mesh), random);
-    const int rings = StepDependencyRadiusOf(in.options, in.limits).rings();
+    const int rings = StepDependencyRadiusOf(in.options.smoothing_sweeps, in.limits).rings();
     const Differing differing = BeyondStep(in, in.Step(), core, rings, random);
     ending_inside += differing.ends_inside;
     ASSERT_EQ(differing.cut, 0) << "seed " << seed;
@@ -162,7 +162,7 @@ TEST(StepDependency, RadiusIsAttained) {
     in.limits.start_smoothing_steps = 2;
     in.limits.max_normal_m = in.limits.max_tangent_m = std::numeric_limits<double>::infinity();
     const std::vector<uint8_t> core = RandomCore(in.mesh, FacesOfVertices(in.mesh), random);
-    StepDependencyRadius reach = StepDependencyRadiusOf(in.options, in.limits);
+    StepDependencyRadius reach = StepDependencyRadiusOf(in.options.smoothing_sweeps, in.limits);
     reach.folding = 0;
     ASSERT_EQ(BeyondStep(in, in.Step(), core, reach.rings(), random).changed, 0) << seed;
     if (reach.gradient + reach.sweeps > reach.start) {
@@ -173,7 +173,7 @@ TEST(StepDependency, RadiusIsAttained) {
     in.limits.max_normal_m = in.limits.max_tangent_m = 0.5;
     in.limits.max_normal_m = 0.1;
     in.limits.free_share = 0;
-    reach = StepDependencyRadiusOf(in.options, in.limits);
+    reach = StepDependencyRadiusOf(in.options.smoothing_sweeps, in.limits);
     reach.folding = 0;
     ASSERT_EQ(BeyondStep(in, in.Step(), core, reach.rings(), random).changed, 0) << seed;
     start += BeyondStep(in, in.Step(), core, reach.rings() - 1, random).changed > 0;

@@ -34,9 +34,13 @@ std::vector<TileState> StatesOf(const std::vector<CutResult>& cuts) {
   return states;
 }
 
+StateSpans SpansOf(const TileState& s) {
+  return {s.tile, s.vertex_ids, s.face_ids, s.positions, s.level_start, s.last_step, s.labels, s.confidence, s.report};
+}
+
 Status MergeInto(const CityReader& city, const std::vector<TileState>& cores, TriangleMesh* merged) {
   std::vector<CoreSpans> spans;
-  for (const TileState& core : cores) spans.emplace_back(StateSpans(core));
+  for (const TileState& core : cores) spans.emplace_back(SpansOf(core));
   TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, spans));
   TESSERA_RETURN_IF_ERROR(
       merger.ForEachVertex([&](const MergedVertex& vertex) { merged->vertices.push_back(vertex.after); }));
