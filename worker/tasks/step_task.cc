@@ -48,7 +48,7 @@ void CountSeams(TileSnapshot* snapshot) {
 void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, TileSnapshot* snapshot) {
   const auto own = std::find_if(sums.begin(), sums.end(), [&](const TileSums& of) { return of.tile == package.tile; });
   if (own == sums.end()) return;
-  const TileSample& sample = own->sample;
+  const FaceSumsById& sample = own->sample;
   const auto differ = [](const auto& a, size_t i, const auto& b, size_t j, size_t values) {
     if (a.empty() || b.empty()) return a.empty() != b.empty();
     return std::memcmp(&a[i * values], &b[j * values], values * sizeof(a[0])) != 0;

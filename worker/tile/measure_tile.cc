@@ -81,28 +81,24 @@ TileSums CoreSums(const TileWorkspace& work, const StepSums& sums) {
   const TilePackage& package = work.package();
   TileSums out;
   out.tile = package.tile;
-  out.face_ids = Pick(package.face_ids, work.core_faces());
-  out.sample.face_ids = Pick(package.face_ids, work.sample_faces());
   out.energy = sums.energy;
   out.semantic_energy = sums.semantic_energy;
   out.warped_pixels = sums.warped_pixels;
-  if (!sums.derivatives.photo.faces.empty()) {
-    out.photo = Pick(sums.derivatives.photo.faces, work.core_faces());
-    out.sample.photo = Pick(sums.derivatives.photo.faces, work.sample_faces());
-    AddContours(work, sums.derivatives.contours, &out.contours);
-  }
+  const std::vector<FaceSums>& photo = sums.derivatives.photo.faces;
   const FaceLikelihoods& likelihoods = sums.likelihoods;
-  if (likelihoods.pixels.empty()) return out;
-  out.classes = likelihoods.classes;
-  const auto fill = [&](const std::vector<uint32_t>& faces, auto* to) {
+  const auto fill = [&](const std::vector<uint32_t>& faces, FaceSumsById* to) {
+    to->face_ids = Pick(package.face_ids, faces);
+    to->photo = Pick(photo, faces);
     to->pixels = Pick(likelihoods.pixels, faces);
     for (const uint32_t f : faces) {
-      const float* of_face = &likelihoods.sum[static_cast<size_t>(f) * likelihoods.classes];
+      const auto of_face = likelihoods.sum.begin() + static_cast<ptrdiff_t>(f) * likelihoods.classes;
       to->likelihoods.insert(to->likelihoods.end(), of_face, of_face + likelihoods.classes);
     }
   };
   fill(work.core_faces(), &out);
   fill(work.sample_faces(), &out.sample);
+  if (!photo.empty()) AddContours(work, sums.derivatives.contours, &out.contours);
+  if (!likelihoods.pixels.empty()) out.classes = likelihoods.classes;
   return out;
 }
 

@@ -189,8 +189,14 @@ Status WriteTileSums(const std::string& path, const TileSums& s) {
                        {"semantic_energy", s.semantic_energy},
                        {"warped_pixels", s.warped_pixels}}
                       .dump();
-  file.arrays["face_ids"] = s.face_ids;
-  file.arrays["photo"] = ToFloats(s.photo);
+  const auto put = [&](const std::string& prefix, const FaceSumsById& sums) {
+    file.arrays[prefix + "face_ids"] = sums.face_ids;
+    file.arrays[prefix + "photo"] = ToFloats(sums.photo);
+    file.arrays[prefix + "likelihoods"] = sums.likelihoods;
+    file.arrays[prefix + "pixels"] = sums.pixels;
+  };
+  put("", s);
+  put("sample_", s.sample);
   std::vector<uint32_t> faces, views_begin = {0};
   std::vector<double> contours;
   for (const FaceContour& c : s.contours.faces) {
@@ -205,12 +211,6 @@ Status WriteTileSums(const std::string& path, const TileSums& s) {
   file.arrays["contours"] = std::move(contours);
   file.arrays["contour_views_begin"] = std::move(views_begin);
   file.arrays["contour_views"] = s.contours.views;
-  file.arrays["likelihoods"] = s.likelihoods;
-  file.arrays["pixels"] = s.pixels;
-  file.arrays["sample_face_ids"] = s.sample.face_ids;
-  file.arrays["sample_photo"] = ToFloats(s.sample.photo);
-  file.arrays["sample_likelihoods"] = s.sample.likelihoods;
-  file.arrays["sample_pixels"] = s.sample.pixels;
   return WriteArrayFile(path, file);
 }
 
@@ -224,18 +224,20 @@ StatusOr<TileSums> ReadTileSums(const std::string& path) {
     s.semantic_energy = j.at("semantic_energy");
     s.warped_pixels = j.at("warped_pixels");
   }));
-  const auto read = [&]<class T>(const char* name, std::vector<T>* out) -> Status {
+  const auto read = [&]<class T>(const std::string& name, std::vector<T>* out) -> Status {
     TESSERA_ASSIGN_OR_RETURN(const std::span<const T> values, file.Verified<T>(name));
     *out = Copy(values);
     return absl::OkStatus();
   };
-  const auto read_photo = [&](const char* name, std::vector<FaceSums>* out) -> Status {
-    TESSERA_ASSIGN_OR_RETURN(const auto values, file.Verified<float>(name));
-    *out = Copy(ToRecords<FaceSums>(values));
-    return absl::OkStatus();
+  const auto read_faces = [&](const std::string& prefix, FaceSumsById* sums) -> Status {
+    TESSERA_RETURN_IF_ERROR(read(prefix + "face_ids", &sums->face_ids));
+    TESSERA_ASSIGN_OR_RETURN(const auto photo, file.Verified<float>(prefix + "photo"));
+    sums->photo = Copy(ToRecords<FaceSums>(photo));
+    TESSERA_RETURN_IF_ERROR(read(prefix + "likelihoods", &sums->likelihoods));
+    return read(prefix + "pixels", &sums->pixels);
   };
-  TESSERA_RETURN_IF_ERROR(read("face_ids", &s.face_ids));
-  TESSERA_RETURN_IF_ERROR(read_photo("photo", &s.photo));
+  TESSERA_RETURN_IF_ERROR(read_faces("", &s));
+  TESSERA_RETURN_IF_ERROR(read_faces("sample_", &s.sample));
   TESSERA_ASSIGN_OR_RETURN(const auto faces, file.Verified<uint32_t>("contour_faces"));
   TESSERA_ASSIGN_OR_RETURN(const auto contours,
                            file.Verified<double>("contours", kContourNumbers * static_cast<int64_t>(faces.size())));
@@ -244,12 +246,6 @@ StatusOr<TileSums> ReadTileSums(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const auto views_begin,
                            file.Verified<uint32_t>(kViewsBegin, static_cast<int64_t>(faces.size()) + 1));
   TESSERA_RETURN_IF_ERROR(CheckBegins(views_begin, s.contours.views.size(), kViewsBegin, path));
-  TESSERA_RETURN_IF_ERROR(read("likelihoods", &s.likelihoods));
-  TESSERA_RETURN_IF_ERROR(read("pixels", &s.pixels));
-  TESSERA_RETURN_IF_ERROR(read("sample_face_ids", &s.sample.face_ids));
-  TESSERA_RETURN_IF_ERROR(read_photo("sample_photo", &s.sample.photo));
-  TESSERA_RETURN_IF_ERROR(read("sample_likelihoods", &s.sample.likelihoods));
-  TESSERA_RETURN_IF_ERROR(read("sample_pixels", &s.sample.pixels));
   for (size_t i = 0; i < faces.size(); ++i) {
     FaceContour c;
     c.face = faces[i];
@@ -262,13 +258,14 @@ StatusOr<TileSums> ReadTileSums(const std::string& path) {
     }
     s.contours.faces.push_back(c);
   }
-  const auto fit = [&](const auto& of, size_t count) {
+  const auto fit = [&](const FaceSumsById& of) {
+    const size_t count = of.face_ids.size();
     return (of.photo.empty() || of.photo.size() == count) && (of.pixels.empty() || of.pixels.size() == count) &&
            of.likelihoods.size() == of.pixels.size() * static_cast<size_t>(std::max(s.classes, 0));
   };
   const size_t count = s.face_ids.size();
-  const bool fits = fit(s, count) && fit(s.sample, s.sample.face_ids.size()) &&
-                    std::all_of(faces.begin(), faces.end(), [&](uint32_t f) { return f < count; });
+  const bool fits =
+      fit(s) && fit(s.sample) && std::all_of(faces.begin(), faces.end(), [&](uint32_t f) { return f < count; });
   if (!fits)
     return absl::DataLossError(
         absl::StrCat(path, ": found sums of another number of faces than the ", count, " faces listed"));

@@ -72,23 +72,19 @@ struct TilePackage {
 Status WriteTilePackage(const std::string& path, const TilePackage& package);
 StatusOr<TilePackage> ReadTilePackage(const std::string& path);
 
-// Sums over some faces of a neighbour's core, by ascending global id; content as in TileSums.
-struct TileSample {
+// Sums over some faces, by ascending global id: either derivatives or likelihoods, the others are empty.
+struct FaceSumsById {
   std::vector<uint32_t> face_ids;
   std::vector<FaceSums> photo;
-  std::vector<float> likelihoods, pixels;
+  std::vector<float> likelihoods, pixels;  // as in FaceLikelihoods
 };
 
-// Sums of the data term over the core's faces, by ascending global id: either derivatives or likelihoods, the others
-// are empty.
-struct TileSums {
+// Sums of the data term over the core's faces.
+struct TileSums : FaceSumsById {
   int tile = 0;
-  std::vector<uint32_t> face_ids;
-  std::vector<FaceSums> photo;
   ContourSums contours;  // FaceContour::face: index into face_ids
   int classes = 0;
-  std::vector<float> likelihoods, pixels;  // as in FaceLikelihoods
-  TileSample sample;
+  FaceSumsById sample;  // of some faces of a neighbour's core
   // Means over the windows of the tile's pixels, for the report; -1: none.
   double energy = -1, semantic_energy = -1;
   int64_t warped_pixels = 0;
