@@ -42,7 +42,7 @@ class Faults {
   std::vector<std::string> parts_;  // of the first 50 faults made by InputError
 };
 
-// Messages about unusual but not fatal input; the job's report lists them all.
+// Messages about unusual but not fatal input; report.json lists them all.
 using Warnings = std::vector<std::string>;
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// Writes job.json, the report of a job for its user.
+// Writes job.json: what a job did, for its user.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,5 @@
-// Stages of a tiled job, and the stage from which on a quarantined tile is frozen. All functions are pure.
+// Stages of a tiled job: a stage is the tasks of one kind and step, of all tiles. A quarantined tile is frozen from some
+// stage on. All functions are pure.
 #pragma once
 
 #include <limits>
@@ -31,7 +32,7 @@ Status CheckSteps(const JobSettings& settings, const Survey& survey, bool contin
 // FAILED_PRECONDITION unless there are `cut` entries; INVALID_ARGUMENT if one names a tile that does not exist.
 Status CheckReads(const std::vector<TileReads>& reads, size_t cut, size_t tiles);
 
-// "Stage" of a tile that was not cut, and of one that was cut but has no state. Smaller than all stages.
+// In place of a stage: of a tile that was not cut, and of one that was cut but has no state. Smaller than all stages.
 inline constexpr int kNoCut = std::numeric_limits<int>::min(), kNoState = -1;
 
 // Index of a task's stage. Each step has four: mend before it, measure, solve, mend.

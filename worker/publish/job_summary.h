@@ -1,4 +1,4 @@
-// The job's report: settings, tiles and statistics of the result.
+// Writes report.json: settings, tiles and statistics of the result.
 #pragma once
 
 #include <Eigen/Core>
