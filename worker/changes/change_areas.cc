@@ -9,6 +9,10 @@
 namespace tessera {
 namespace {
 
+constexpr double kWeakShare = 0.6;          // of the threshold: enough next to a cell above it
+constexpr double kMinLabelAgreement = 0.5;  // minimum ChangeArea::agreement for a change of class
+constexpr double kFollowedShare = 0.7;      // of an area's cells that the refined mesh must show
+
 enum class Sign { kHigher, kLower, kEqual };
 
 ClassRole RoleOf(const std::vector<ClassRole>& roles, uint8_t label) {
@@ -20,19 +24,6 @@ uint8_t MostFrequent(const std::vector<uint8_t>& labels, const std::vector<size_
   for (const size_t i : cells) ++votes[labels[i]];
   const auto best = std::max_element(votes.begin(), votes.end() - 1);
   return *best > 0 ? static_cast<uint8_t>(best - votes.begin()) : kNoLabel;
-}
-
-// Copies the cells that both have.
-void CopySurface(const SurfaceRaster& from, SurfaceRaster* to) {
-  const CellRect common = CommonCells(from.cells, to->cells);
-  if (common.x0 >= common.x1) return;
-  const auto at = [&](const SurfaceRaster& raster, int y) {
-    return static_cast<size_t>(y - raster.cells.y0) * raster.width() + (common.x0 - raster.cells.x0);
-  };
-  for (int y = common.y0; y < common.y1; ++y) {
-    std::copy_n(from.height_m.begin() + at(from, y), common.x1 - common.x0, to->height_m.begin() + at(*to, y));
-    std::copy_n(from.label.begin() + at(from, y), common.x1 - common.x0, to->label.begin() + at(*to, y));
-  }
 }
 
 CellRect Around(const CellRect& a, const CellRect& b) {
@@ -55,7 +46,7 @@ class AreaFinder {
     for (const Sign sign : {Sign::kHigher, Sign::kLower, Sign::kEqual}) {
       CellMask weak(raster_.before.width(), raster_.before.height()), strong = weak;
       for (size_t i = 0; i < weak.flag.size(); ++i) {
-        weak.flag[i] = Differs(i, sign, options_.weak_share);
+        weak.flag[i] = Differs(i, sign, kWeakShare);
         strong.flag[i] = Differs(i, sign, 1);
       }
       const double min_width_cells = std::max(options_.min_width_m / raster_.cell_m(), options_.min_width_cells);
@@ -75,7 +66,7 @@ class AreaFinder {
     const double difference_m = raster_.after.height_m[i] - raster_.before.height_m[i];  // NaN: unknown
     if (sign == Sign::kHigher) return difference_m > share * threshold_m_;
     if (sign == Sign::kLower) return -difference_m > share * threshold_m_;
-    if (!(std::abs(difference_m) <= options_.weak_share * threshold_m_)) return false;
+    if (!(std::abs(difference_m) <= kWeakShare * threshold_m_)) return false;
     const uint8_t before = raster_.before.label[i], after = raster_.after.label[i];
     if (before == kNoLabel || after == kNoLabel || !ClassesDiffer(roles_, before, after)) return false;
     return raster_.label_margin[i] > share * options_.label_margin;
@@ -113,7 +104,7 @@ class AreaFinder {
     area.height_difference_m /= known;
     area.agreement /= known;
     area.agreement_before /= known;
-    if (sign == Sign::kEqual && area.agreement < options_.min_label_agreement) return {};
+    if (sign == Sign::kEqual && area.agreement < kMinLabelAgreement) return {};
     area.volume_m3 = sign == Sign::kEqual ? 0 : area.area_m2 * area.height_difference_m;
     if (sign != Sign::kEqual && (area.agreement < options_.min_agreement ||
                                  area.agreement - area.agreement_before < options_.min_agreement_gain)) {
@@ -128,7 +119,7 @@ class AreaFinder {
       const bool plants = RoleOf(roles_, area.label_before) == ClassRole::kVegetation;
       area.kind = plants ? ChangeKind::kFelled : ChangeKind::kDemolished;
     }
-    if (refined_ != nullptr) area.followed = right >= options_.followed_share * known;
+    if (refined_ != nullptr) area.followed = right >= kFollowedShare * known;
     area.outline = TraceOutline(area.cells);
     for (Eigen::Vector2d& p : area.outline.outer) p *= cell_m;
     area.outline.outer = SimplifyRing(area.outline.outer, options_.simplify_cells * cell_m);
@@ -143,7 +134,7 @@ class AreaFinder {
   bool Followed(size_t i, Sign sign, uint8_t label_after) const {
     if (refined_ == nullptr) return false;
     if (sign == Sign::kEqual) return refined_->label[i] == label_after;
-    return std::abs(refined_->height_m[i] - raster_.after.height_m[i]) <= options_.weak_share * threshold_m_;
+    return std::abs(refined_->height_m[i] - raster_.after.height_m[i]) <= kWeakShare * threshold_m_;
   }
 
   const ChangeRaster& raster_;
@@ -176,7 +167,7 @@ bool ClassesDiffer(const std::vector<ClassRole>& roles, uint8_t a, uint8_t b) {
 
 SurfaceRaster MergeSurfaces(std::span<const SurfaceRaster> rasters, const CellRect& cells, double cell_m) {
   SurfaceRaster merged(cells, cell_m);
-  for (const SurfaceRaster& raster : rasters) CopySurface(raster, &merged);
+  for (const SurfaceRaster& raster : rasters) CopyCells(raster, cells, &merged);
   return merged;
 }
 
@@ -185,19 +176,7 @@ ChangeRaster MergeRasters(std::span<const ChangeRaster> rasters) {
   CellRect rect = rasters[0].cells();
   for (const ChangeRaster& raster : rasters) rect = Around(rect, raster.cells());
   ChangeRaster merged(rect, rasters[0].cell_m());
-  for (const ChangeRaster& raster : rasters) {
-    CopySurface(raster.before, &merged.before);
-    CopySurface(raster.after, &merged.after);
-    const int width = raster.before.width();
-    for (int y = 0; y < raster.before.height(); ++y) {
-      const size_t i = static_cast<size_t>(y) * width;
-      const size_t j =
-          static_cast<size_t>(raster.cells().y0 + y - rect.y0) * merged.before.width() + (raster.cells().x0 - rect.x0);
-      std::copy_n(raster.after_score.begin() + i, width, merged.after_score.begin() + j);
-      std::copy_n(raster.before_score.begin() + i, width, merged.before_score.begin() + j);
-      std::copy_n(raster.label_margin.begin() + i, width, merged.label_margin.begin() + j);
-    }
-  }
+  for (const ChangeRaster& raster : rasters) CopyCells(raster, rect, &merged);
   return merged;
 }
 

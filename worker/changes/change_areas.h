@@ -37,17 +37,14 @@ struct ChangeArea {
 };
 
 struct ChangeAreaOptions {
-  double height_m = 1.5, height_gsd = 6;  // threshold: the larger of both,
-  double weak_share = 0.6;                // or this share of it next to a cell above the threshold
+  double height_m = 1.5, height_gsd = 6;  // threshold: the larger of both
   double label_margin = 0.2;              // minimum for a change of class
   double min_area_m2 = 25;
   double min_label_area_m2 = 25;
   double min_width_m = 3, min_width_cells = 2;
   double min_agreement = 0.4;        // minimum ChangeArea::agreement, and
-  double min_agreement_gain = 0.25;  // gain over agreement_before; changes of class need the next instead
-  double min_label_agreement = 0.5;
-  double followed_share = 0.7;   // of an area's cells that the refined mesh must show
-  double simplify_cells = 0.75;  // tolerance of SimplifyRing
+  double min_agreement_gain = 0.25;  // gain over agreement_before; not for changes of class
+  double simplify_cells = 0.75;      // tolerance of SimplifyRing
 };
 
 // Smallest height difference that counts as a change at this ground sampling distance.

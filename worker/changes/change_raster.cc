@@ -3,10 +3,24 @@
 #include <algorithm>
 
 namespace tessera {
+namespace {
 
-CellRect CommonCells(const CellRect& a, const CellRect& b) {
-  return {std::max(a.x0, b.x0), std::max(a.y0, b.y0), std::min(a.x1, b.x1), std::min(a.y1, b.y1)};
+// Calls copy(i, j, count) for the cells of each row of the common part of three rectangles, by their first cell's index
+// in `from` and in `to`.
+template <class Copy>
+void ForCommonRows(const CellRect& from, const CellRect& part, const CellRect& to, const Copy& copy) {
+  const int x0 = std::max({from.x0, part.x0, to.x0}), x1 = std::min({from.x1, part.x1, to.x1});
+  if (x0 >= x1) return;
+  const auto index = [x0](const CellRect& cells, int y) {
+    return static_cast<ptrdiff_t>(y - cells.y0) * (cells.x1 - cells.x0) + (x0 - cells.x0);
+  };
+  for (int y = std::max({from.y0, part.y0, to.y0}); y < std::min({from.y1, part.y1, to.y1}); ++y) {
+    copy(index(from, y), index(to, y), x1 - x0);
+  }
 }
+
+}  // namespace
+
 SurfaceRaster::SurfaceRaster(const CellRect& rect, double cell_size_m) : cells(rect), cell_m(cell_size_m) {
   height_m.assign(size(), kNotKnown);
   label.assign(size(), kNoLabel);
@@ -17,6 +31,23 @@ ChangeRaster::ChangeRaster(const CellRect& rect, double cell_size_m)
   after_score.assign(before.size(), kNotKnown);
   before_score.assign(before.size(), kNotKnown);
   label_margin.assign(before.size(), 0.0f);
+}
+
+void CopyCells(const SurfaceRaster& from, const CellRect& part, SurfaceRaster* to) {
+  ForCommonRows(from.cells, part, to->cells, [&](ptrdiff_t i, ptrdiff_t j, int count) {
+    std::copy_n(from.height_m.begin() + i, count, to->height_m.begin() + j);
+    std::copy_n(from.label.begin() + i, count, to->label.begin() + j);
+  });
+}
+
+void CopyCells(const ChangeRaster& from, const CellRect& part, ChangeRaster* to) {
+  CopyCells(from.before, part, &to->before);
+  CopyCells(from.after, part, &to->after);
+  ForCommonRows(from.cells(), part, to->cells(), [&](ptrdiff_t i, ptrdiff_t j, int count) {
+    std::copy_n(from.before_score.begin() + i, count, to->before_score.begin() + j);
+    std::copy_n(from.after_score.begin() + i, count, to->after_score.begin() + j);
+    std::copy_n(from.label_margin.begin() + i, count, to->label_margin.begin() + j);
+  });
 }
 
 }  // namespace tessera

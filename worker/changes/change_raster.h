@@ -13,9 +13,6 @@ namespace tessera {
 inline constexpr uint8_t kNoLabel = 255;
 inline constexpr float kNotKnown = std::numeric_limits<float>::quiet_NaN();  // of heights and scores
 
-// Intersection; empty if x0 >= x1 or y0 >= y1.
-CellRect CommonCells(const CellRect& a, const CellRect& b);
-
 // Cells of a GroundPlane with this cell_m, row by row from the lowest y. Heights are metres along the plane's up,
 // local frame; NaN: unknown.
 struct SurfaceRaster {
@@ -46,5 +43,9 @@ struct ChangeRaster {
   const CellRect& cells() const { return before.cells; }
   double cell_m() const { return before.cell_m; }
 };
+
+// Copies the cells of `part` that both rasters have.
+void CopyCells(const SurfaceRaster& from, const CellRect& part, SurfaceRaster* to);
+void CopyCells(const ChangeRaster& from, const CellRect& part, ChangeRaster* to);
 
 }  // namespace tessera

@@ -6,7 +6,11 @@
 namespace tessera {
 namespace {
 
-constexpr int kPlaces = 5;  // grid points per block and axis
+constexpr int kPlaces = 5;                     // grid points per block and axis
+constexpr int kMaxViews = 14, kMaxPairs = 30;  // per block
+constexpr double kNearNadir_rad = 0.60;        // more oblique views are used only if a block has no others
+constexpr double kMaxTilt_rad = 1.05;
+constexpr double kMinBaseToHeight = 0.08;
 
 // A view relative to a point.
 struct ViewGeometry {
@@ -39,11 +43,11 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
       if (up.dot(ray) <= 0 || !cameras[v].InImage(cameras[v].Project(places[k]))) continue;
       const Eigen::Vector2d slope = ground.Coordinates(ray) / up.dot(ray);
       const double tilt_rad = std::atan(slope.norm());
-      if (tilt_rad <= options.max_tilt_rad) geometry[v][k] = {true, tilt_rad, slope};
+      if (tilt_rad <= kMaxTilt_rad) geometry[v][k] = {true, tilt_rad, slope};
     }
   }
   const auto steep = [&](size_t v, size_t k) {
-    return geometry[v][k].sees && geometry[v][k].tilt_rad <= options.near_nadir_rad;
+    return geometry[v][k].sees && geometry[v][k].tilt_rad <= kNearNadir_rad;
   };
   bool has_steep = false;
   for (size_t k = 0; k < places.size(); ++k) {
@@ -64,7 +68,7 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
     int own = 0;
     for (const size_t v : seeing) {
       if (own >= options.views_per_place) break;
-      if (!chosen[v] && count >= options.max_views) continue;
+      if (!chosen[v] && count >= kMaxViews) continue;
       count += !chosen[v];
       chosen[v] = 1;
       ++own;
@@ -82,7 +86,7 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
       for (size_t j = i + 1; j < choice.views.size(); ++j) {
         const ViewGeometry &a = geometry[choice.views[i]][k], &b = geometry[choice.views[j]][k];
         const double base = (a.slope - b.slope).norm();
-        if (!a.sees || !b.sees || base < options.min_base_to_height) continue;
+        if (!a.sees || !b.sees || base < kMinBaseToHeight) continue;
         own.push_back({PairCost(base), {static_cast<int>(i), static_cast<int>(j)}});
         choice.base_to_height = std::max(choice.base_to_height, PairCost(base) < 1 ? base : 0);
       }
@@ -91,12 +95,12 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
     if (static_cast<int>(own.size()) > options.pairs_per_place) own.resize(options.pairs_per_place);
     for (const auto& [worth, pair] : own) {
       const bool is_new = std::find(pairs.begin(), pairs.end(), pair) == pairs.end();
-      if (is_new && static_cast<int>(pairs.size()) < options.max_pairs) pairs.push_back(pair);
+      if (is_new && static_cast<int>(pairs.size()) < kMaxPairs) pairs.push_back(pair);
     }
   }
   std::sort(pairs.begin(), pairs.end());
   choice.pairs = std::move(pairs);
-  if (choice.base_to_height == 0) choice.base_to_height = options.min_base_to_height;
+  if (choice.base_to_height == 0) choice.base_to_height = kMinBaseToHeight;
   return choice;
 }
 

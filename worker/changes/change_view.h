@@ -30,10 +30,6 @@ struct ViewChoice {
 struct BlockViewOptions {
   int views_per_place = 4;  // views that measure each point of a block, if as many see it
   int pairs_per_place = 5;
-  int max_views = 14, max_pairs = 30;  // per block
-  double near_nadir_rad = 0.60;        // more oblique views are used only if a block has no others
-  double max_tilt_rad = 1.05;
-  double min_base_to_height = 0.08;
 };
 
 // Selects views for `block` (plan metres, local frame): the most vertical ones at each point of a grid at height

@@ -280,25 +280,6 @@ class BlockMeasurer {
   ChangeRaster raster_;
 };
 
-// Copies the cells of `from` that lie in `part` and in `to`.
-void CopyCells(const ChangeRaster& from, const CellRect& part, ChangeRaster* to) {
-  const CellRect& rect = to->cells();
-  const CellRect common = CommonCells(CommonCells(from.cells(), part), rect);
-  for (int y = common.y0; y < common.y1; ++y) {
-    for (int x = common.x0; x < common.x1; ++x) {
-      const size_t i = static_cast<size_t>(y - from.cells().y0) * from.before.width() + (x - from.cells().x0);
-      const size_t j = static_cast<size_t>(y - rect.y0) * to->before.width() + (x - rect.x0);
-      to->before.height_m[j] = from.before.height_m[i];
-      to->before.label[j] = from.before.label[i];
-      to->after.height_m[j] = from.after.height_m[i];
-      to->after.label[j] = from.after.label[i];
-      to->before_score[j] = from.before_score[i];
-      to->after_score[j] = from.after_score[i];
-      to->label_margin[j] = from.label_margin[i];
-    }
-  }
-}
-
 int FloorToBlock(int cell) {
   return static_cast<int>(std::floor(static_cast<double>(cell) / kBlockCells)) * kBlockCells;
 }
