@@ -11,6 +11,7 @@
 #include "common/base/pick.h"
 #include "common/storage/hash.h"
 #include "worker/city/view_box.h"
+#include "worker/refine/submesh.h"
 
 namespace tessera {
 namespace {
@@ -136,13 +137,13 @@ class Reviser {
     for (size_t g = 0; g < base_.faces.size(); ++g) end = std::max(end, FileFace(base_, g) + 1);
     TESSERA_ASSIGN_OR_RETURN(now_of_file_, Nones(end, scratch_));
     TESSERA_ASSIGN_OR_RETURN(auto touches_new_face, ScratchArray<uint8_t>::Create(scratch_, mesh_.vertices.size()));
-    std::vector<size_t> new_faces;
+    std::vector<uint32_t> new_faces;
     for (size_t f = 0; f < mesh_.faces.size(); ++f) {
       if (match_[f] != kNone) {
         now_of_file_[FileFace(base_, match_[f])] = FileFace(now_, f);
         continue;
       }
-      new_faces.push_back(f);
+      new_faces.push_back(static_cast<uint32_t>(f));
       for (const uint32_t v : mesh_.faces[f]) touches_new_face[v] = 1;
     }
     for (size_t f = 0; f < mesh_.faces.size(); ++f) {
@@ -151,7 +152,7 @@ class Reviser {
         border_faces_[FileFace(base_, match_[f])].face = f;
       }
     }
-    SetNewFaces(new_faces);
+    SetNewFaces(std::move(new_faces));
     return absl::OkStatus();
   }
 
@@ -216,7 +217,7 @@ class Reviser {
     const auto middle_of = [&](uint32_t a, uint32_t b) {
       return ids_[a] == kNone || ids_[b] == kNone ? middle_of_.end() : middle_of_.find(EdgeOf(ids_[a], ids_[b]));
     };
-    for (const size_t f : new_faces_) input_face_.push_back(FileFace(now_, f));
+    for (const uint32_t f : new_faces_) input_face_.push_back(FileFace(now_, f));
     for (int round = std::exchange(density.max_rounds, 1); round > 0; --round) {
       SplitMesh split = SplitLargeFaces(part_, on_part, density, [&](uint32_t a, uint32_t b) {
         const auto known = middle_of(a, b);
@@ -296,17 +297,11 @@ class Reviser {
                                             " of the mesh, or one of its corners, is missing from the city"));
   }
 
-  void SetNewFaces(const std::vector<size_t>& new_faces) {
-    new_faces_ = new_faces;
-    for (const size_t f : new_faces) part_ids_.insert(part_ids_.end(), mesh_.faces[f].begin(), mesh_.faces[f].end());
-    std::sort(part_ids_.begin(), part_ids_.end());
-    part_ids_.erase(std::unique(part_ids_.begin(), part_ids_.end()), part_ids_.end());
-    for (const uint32_t v : part_ids_) part_.vertices.push_back(mesh_.vertices[v]);
-    for (const size_t f : new_faces) {
-      Triangle& face = part_.faces.emplace_back();
-      for (int k = 0; k < 3; ++k) face[k] = static_cast<uint32_t>(IndexInPart(mesh_.faces[f][k]));
-      part_.labels.push_back(mesh_.labels[f]);
-    }
+  void SetNewFaces(std::vector<uint32_t> new_faces) {
+    new_faces_ = std::move(new_faces);
+    Submesh part = ExtractFaces(mesh_, new_faces_);
+    part_ = std::move(part.mesh);
+    part_ids_ = std::move(part.vertices);
   }
 
   // Returns part_ids_.size() if the vertex is not in the part.
@@ -355,7 +350,7 @@ class Reviser {
   ScratchArray<uint32_t> match_;                           // for each face of `now`: the matching face of the base
   ScratchArray<uint32_t> now_of_file_;                     // face of the base's file -> face of the new file
   std::unordered_map<uint32_t, BorderFace> border_faces_;  // by face of the base's file
-  std::vector<size_t> new_faces_;                          // faces of `now` without a match
+  std::vector<uint32_t> new_faces_;                        // faces of `now` without a match
   std::vector<uint32_t> part_ids_;                         // vertices of these faces in `now`, ascending
   TriangleMesh part_;                                      // these faces as a mesh; later split
   std::vector<uint32_t> ids_;                              // city ids of the part's vertices; kNone: new

@@ -1,10 +1,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
+#include <utility>
 
 #include "worker/city/disk_mesh.h"
 #include "worker/city/id_merge.h"
 #include "worker/city/view_box.h"
+#include "worker/refine/submesh.h"
 #include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
@@ -35,24 +38,12 @@ std::vector<PosedCamera> CamerasOn(const TriangleMesh& mesh, const std::vector<P
   return on_mesh;
 }
 
-// The faces [begin, end) with the vertices they use, both in the mesh's order.
-TriangleMesh Extract(const MeshSpans& mesh, size_t begin, size_t end, std::vector<uint32_t>* vertex_ids) {
-  TriangleMesh part;
-  vertex_ids->clear();
-  for (size_t f = begin; f < end; ++f) {
-    vertex_ids->insert(vertex_ids->end(), mesh.faces[f].begin(), mesh.faces[f].end());
-  }
-  std::sort(vertex_ids->begin(), vertex_ids->end());
-  vertex_ids->erase(std::unique(vertex_ids->begin(), vertex_ids->end()), vertex_ids->end());
-  for (const uint32_t v : *vertex_ids) part.vertices.push_back(mesh.vertices[v]);
-  for (size_t f = begin; f < end; ++f) {
-    Triangle& face = part.faces.emplace_back();
-    for (int k = 0; k < 3; ++k) {
-      face[k] = static_cast<uint32_t>(std::lower_bound(vertex_ids->begin(), vertex_ids->end(), mesh.faces[f][k]) -
-                                      vertex_ids->begin());
-    }
-  }
-  return part;
+// The faces [begin, end), without labels.
+Submesh Extract(MeshSpans mesh, size_t begin, size_t end) {
+  mesh.labels = {};
+  std::vector<uint32_t> faces(end - begin);
+  std::iota(faces.begin(), faces.end(), static_cast<uint32_t>(begin));
+  return ExtractFaces(mesh, faces);
 }
 
 // Upper estimate of the number of parts of each face: the longest edge is halved until it is short enough.
@@ -90,10 +81,11 @@ class Splitter {
                     std::move(parents));
   }
 
-  // Splits the faces [begin, end), given as mesh `part` with these vertices of the whole mesh.
-  void SplitChunk(size_t begin, const TriangleMesh& part, const std::vector<uint32_t>& vertex_ids,
-                  const std::vector<PosedCamera>& cameras, const DensityOptions& density) {
-    const SplitMesh split = SplitLargeFaces(part, cameras, density);
+  // Splits the faces from `begin` on, given as mesh `part`.
+  void SplitChunk(size_t begin, const Submesh& part, const std::vector<PosedCamera>& cameras,
+                  const DensityOptions& density) {
+    const SplitMesh split = SplitLargeFaces(part.mesh, cameras, density);
+    const std::vector<uint32_t>& vertex_ids = part.vertices;
     Chunk& chunk = chunks_.emplace_back();
     chunk.id_begin = ids_.size();
     chunk.old_vertices = vertex_ids.size();
@@ -209,30 +201,24 @@ StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& ca
                                const std::function<Status(double)>& progress) {
   const MeshSpans spans = mesh.spans();
   TESSERA_ASSIGN_OR_RETURN(Splitter splitter, Splitter::Create(spans, scratch_folder));
-  std::vector<uint32_t> vertex_ids;
   for (size_t begin = 0; begin < spans.faces.size(); begin += options.faces_per_chunk) {
     TESSERA_RETURN_IF_ERROR(progress(static_cast<double>(begin) / static_cast<double>(spans.faces.size())));
     const size_t end = std::min(begin + options.faces_per_chunk, spans.faces.size());
-    const TriangleMesh part = Extract(spans, begin, end, &vertex_ids);
-    const std::vector<PosedCamera> on_part = CamerasOn(part, cameras);
-    const std::vector<double> parts = PredictParts(part, on_part, density);
+    Submesh part = Extract(spans, begin, end);
+    const std::vector<PosedCamera> on_part = CamerasOn(part.mesh, cameras);
+    const std::vector<double> parts = PredictParts(part.mesh, on_part, density);
     // As many faces as the predicted number of parts allows.
     size_t from = begin;
     double predicted = 0;
     for (size_t f = begin; f < end; ++f) {
       if (predicted > 0 && predicted + parts[f - begin] > options.split_faces_per_chunk) {
-        const TriangleMesh piece = Extract(spans, from, f, &vertex_ids);
-        splitter.SplitChunk(from, piece, vertex_ids, on_part, density);
+        splitter.SplitChunk(from, Extract(spans, from, f), on_part, density);
         from = f;
         predicted = 0;
       }
       predicted += parts[f - begin];
     }
-    if (from == begin) {
-      splitter.SplitChunk(begin, part, vertex_ids, on_part, density);
-    } else {
-      splitter.SplitChunk(from, Extract(spans, from, end, &vertex_ids), vertex_ids, on_part, density);
-    }
+    splitter.SplitChunk(from, from == begin ? std::move(part) : Extract(spans, from, end), on_part, density);
   }
   if (splitter.new_vertices() == 0) return mesh;
   return splitter.Assemble(mesh);

@@ -11,6 +11,7 @@
 
 #include "absl/container/flat_hash_map.h"
 #include "worker/refine/self_intersection.h"
+#include "worker/refine/submesh.h"
 #include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
@@ -233,25 +234,14 @@ std::vector<uint32_t> FlipEdges(const std::vector<uint64_t>& groups, TriangleMes
   }
   begins.push_back(order.size());
   const std::vector<Triangle> before = mesh->faces;
+  MeshSpans unflipped(*mesh);
+  unflipped.faces = before;
   ParallelForEach(static_cast<int64_t>(begins.size()) - 1, 1, [&](int64_t i) {
     const std::span<const uint32_t> faces(order.data() + begins[i], begins[i + 1] - begins[i]);
-    std::vector<uint32_t> vertices;
-    for (const uint32_t f : faces) vertices.insert(vertices.end(), before[f].begin(), before[f].end());
-    std::sort(vertices.begin(), vertices.end());
-    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-    TriangleMesh group;
-    for (const uint32_t v : vertices) group.vertices.push_back(mesh->vertices[v]);
-    for (const uint32_t f : faces) {
-      Triangle& face = group.faces.emplace_back();
-      for (int k = 0; k < 3; ++k) {
-        const auto position = std::lower_bound(vertices.begin(), vertices.end(), before[f][k]);
-        face[k] = static_cast<uint32_t>(position - vertices.begin());
-      }
-      if (!mesh->labels.empty()) group.labels.push_back(mesh->labels[f]);
-    }
-    FlipGroup(&group);
+    Submesh group = ExtractFaces(unflipped, faces);
+    FlipGroup(&group.mesh);
     for (size_t f = 0; f < faces.size(); ++f) {
-      for (int k = 0; k < 3; ++k) mesh->faces[faces[f]][k] = vertices[group.faces[f][k]];
+      for (int k = 0; k < 3; ++k) mesh->faces[faces[f]][k] = group.vertices[group.mesh.faces[f][k]];
     }
   });
   return ChangedFaces(before, mesh->faces);

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/refine/morton.h"
 #include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
@@ -94,32 +95,14 @@ bool FacesMeet(const TriangleMesh& mesh, uint32_t f, uint32_t g) {
   return !Separated(a, b, shared) && Meet(a, b, shared);
 }
 
-// Inserts two zero bits between the bits of x.
-uint64_t Spread(uint64_t x) {
-  x &= 0x1fffff;
-  x = (x | x << 32) & 0x1f00000000ffff;
-  x = (x | x << 16) & 0x1f0000ff0000ff;
-  x = (x | x << 8) & 0x100f00f00f00f00f;
-  x = (x | x << 4) & 0x10c30c30c30c30c3;
-  return (x | x << 2) & 0x1249249249249249;
-}
-
 }  // namespace
 
 FaceBoxes::FaceBoxes(const TriangleMesh& mesh) {
-  Vector3d low = Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
-  for (const Vector3d& v : mesh.vertices) {
-    low = low.cwiseMin(v);
-    high = high.cwiseMax(v);
-  }
-  const double scale = mesh.vertices.empty() ? 1 : 2097151 / std::max(1e-9, (high - low).maxCoeff());
+  std::vector<Vector3d> centroids;
+  for (size_t f = 0; f < mesh.faces.size(); ++f) centroids.push_back(MeshSpans(mesh).Centroid(f));
+  const std::vector<uint64_t> keys = MortonKeys(centroids);
   std::vector<std::pair<uint64_t, uint32_t>> coded(mesh.faces.size());
-  for (size_t f = 0; f < mesh.faces.size(); ++f) {
-    const Vector3d at = ((mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3 - low) * scale;
-    coded[f].first = Spread(static_cast<uint64_t>(at.x())) | Spread(static_cast<uint64_t>(at.y())) << 1 |
-                     Spread(static_cast<uint64_t>(at.z())) << 2;
-    coded[f].second = static_cast<uint32_t>(f);
-  }
+  for (size_t f = 0; f < coded.size(); ++f) coded[f] = {keys[f], static_cast<uint32_t>(f)};
   std::sort(coded.begin(), coded.end());
   for (const auto& [code, face] : coded) order_.push_back(face);
   while (leaves_ * kLeafFaces < order_.size()) leaves_ *= 2;

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "worker/refine/inter_term.h"
+#include "worker/refine/morton.h"
 #include "worker/refine/smooth_term.h"
 #include "worker/visibility/parallel_for_each.h"
 
@@ -89,17 +90,6 @@ Matrix3d Inverse(const Matrix3d& m) {
   return out;
 }
 
-// Inserts two zero bits between the low 21 bits of x.
-uint64_t Spread(uint64_t x) {
-  x &= 0x1fffff;
-  x = (x | x << 32) & 0x1f00000000ffffull;
-  x = (x | x << 16) & 0x1f0000ff0000ffull;
-  x = (x | x << 8) & 0x100f00f00f00f00full;
-  x = (x | x << 4) & 0x10c30c30c30c30c3ull;
-  x = (x | x << 2) & 0x1249249249249249ull;
-  return x;
-}
-
 // Number of rings per band.
 constexpr int kBandRings = 4;
 
@@ -107,20 +97,9 @@ constexpr int kBandRings = 4;
 // blocks of the curve sorted by degree, for branch prediction.
 std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const OneRings& rings,
                                   const std::vector<int>& band) {
-  Vector3d low = Vector3d::Zero(), high = Vector3d::Zero();
-  if (!positions.empty()) low = high = positions[0];
-  for (const Vector3d& p : positions) {
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
-  }
-  const double scale = 2097151.0 / std::max((high - low).maxCoeff(), 1e-30);
+  const std::vector<uint64_t> keys = MortonKeys(positions);
   std::vector<std::tuple<int, uint64_t, uint32_t>> keyed(positions.size());
-  for (size_t v = 0; v < positions.size(); ++v) {
-    const Vector3d cell = (positions[v] - low) * scale;
-    const uint64_t key = Spread(static_cast<uint64_t>(cell.x())) | Spread(static_cast<uint64_t>(cell.y())) << 1 |
-                         Spread(static_cast<uint64_t>(cell.z())) << 2;
-    keyed[v] = {band[v], key, static_cast<uint32_t>(v)};
-  }
+  for (size_t v = 0; v < positions.size(); ++v) keyed[v] = {band[v], keys[v], static_cast<uint32_t>(v)};
   std::sort(keyed.begin(), keyed.end());
   constexpr size_t kBlock = 1024;
   std::vector<uint32_t> order(positions.size());
