@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "tests/support/make_texels.h"
-#include "worker/photo/view_pixels.h"
+#include "worker/photo/stored_texels.h"
 
 namespace tessera {
 

@@ -11,8 +11,8 @@
 #include "common/geometry/mesh.h"
 #include "worker/photo/data_term.h"
 #include "worker/photo/pairs.h"
+#include "worker/tile/methods.h"
 #include "worker/tile/refine_tile.h"
-#include "worker/tile/tile_options.h"
 
 namespace tessera {
 

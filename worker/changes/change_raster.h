@@ -4,8 +4,10 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <string>
 #include <vector>
 
+#include "common/base/status.h"
 #include "common/job/ground.h"
 
 namespace tessera {
@@ -47,5 +49,9 @@ struct ChangeRaster {
 // Copies the cells of `part` that both rasters have.
 void CopyCells(const SurfaceRaster& from, const CellRect& part, SurfaceRaster* to);
 void CopyCells(const ChangeRaster& from, const CellRect& part, ChangeRaster* to);
+
+// As files passed between tasks. DATA_LOSS if the file is damaged.
+Status WriteChangeRaster(const std::string& path, const ChangeRaster& raster);
+StatusOr<ChangeRaster> ReadChangeRaster(const std::string& path);
 
 }  // namespace tessera

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "worker/label/block_descent.h"
-#include "worker/label/field_graph.h"
+#include "worker/label/label_field.h"
 #include "worker/label/messages.h"
 #include "worker/visibility/parallel_for_each.h"
 

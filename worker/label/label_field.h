@@ -1,8 +1,9 @@
-// The Markov random field over a mesh's faces that labelling minimises.
+// The Markov random field over a mesh's faces that labelling minimises, and its adjacency.
 #pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "common/geometry/edge_list.h"
@@ -51,5 +52,23 @@ struct LabelOptions {
 LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges,
                            const FaceLikelihoods& likelihoods, const std::vector<SceneClass>& classes,
                            const Eigen::Vector3d& up, double gsd_m, const LabelOptions& options);
+
+// One end of an edge: the neighbour, the weight, and the index of the edge in the field.
+struct FieldLink {
+  uint32_t face = 0;
+  float weight = 0;
+  uint32_t edge = 0;
+};
+
+struct FieldGraph {
+  std::vector<uint32_t> offsets;  // faces + 1
+  std::vector<FieldLink> links;   // those of face f from offsets[f], in the order of the field's edges
+  std::span<const FieldLink> operator[](size_t face) const {
+    return {links.data() + offsets[face], offsets[face + 1] - offsets[face]};
+  }
+};
+
+// Edges of weight 0 are left out.
+FieldGraph MakeFieldGraph(const LabelField& field);
 
 }  // namespace tessera

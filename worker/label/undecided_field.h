@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "worker/label/cells.h"
-#include "worker/label/field_graph.h"
+#include "worker/label/label_field.h"
 
 namespace tessera {
 

@@ -15,7 +15,7 @@
 #include "worker/photo/contour_term.h"
 #include "worker/photo/pairs.h"
 #include "worker/photo/photo_term.h"
-#include "worker/photo/view_pixels.h"
+#include "worker/photo/stored_texels.h"
 #include "worker/photo/warp_target.h"
 #include "worker/visibility/mesh_cells.h"
 #include "worker/visibility/view_groups.h"

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "common/base/status.h"
 #include "common/imaging/raster.h"
 #include "worker/photo/texels.h"
 #include "worker/visibility/image_window.h"
@@ -52,6 +53,17 @@ struct StoredTexels : TexelShape {
   // so that all parts of a view have the same values.
   std::vector<uint16_t> HalfLuminance() const;
   std::vector<uint8_t> HalfLikelihoods() const;  // requires same_resolution
+};
+
+// Pixels of a part of one view. Const members are thread-safe.
+class ViewPixels {
+ public:
+  virtual ~ViewPixels() = default;
+  // The part of the whole image.
+  virtual const PixelRect& rect() const = 0;
+  virtual bool has_likelihoods() const = 0;
+  // A pyramid level, valid while this object lives. DATA_LOSS if the file is damaged.
+  virtual StatusOr<StoredTexels> Level(int level) const = 0;
 };
 
 }  // namespace tessera

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <new>
@@ -78,8 +79,13 @@ struct Texels {
 };
 
 // Code of Texels::luminance: the value clamped to [0, 1], or NaN for invalid.
-uint16_t LuminanceCode(float luminance);
+inline uint16_t LuminanceCode(float luminance) {
+  if (std::isnan(luminance)) return 0;
+  return static_cast<uint16_t>(1.5f + std::clamp(luminance, 0.0f, 1.0f) * Texels::kLuminanceSteps);
+}
 // The likelihood clamped to [0, 1] · Texels::kLikelihoodSteps.
-uint8_t LikelihoodStep(float likelihood);
+inline uint8_t LikelihoodStep(float likelihood) {
+  return static_cast<uint8_t>(std::clamp(likelihood, 0.0f, 1.0f) * Texels::kLikelihoodSteps + 0.5f);
+}
 
 }  // namespace tessera

@@ -9,7 +9,6 @@
 #include "worker/changes/change_report.h"
 #include "worker/changes/surface_raster.h"
 #include "worker/publish/outdated_faces.h"
-#include "worker/tasks/change_files.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/task_functions.h"
 

@@ -8,7 +8,6 @@
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
 #include "worker/changes/measure_changes.h"
-#include "worker/tasks/change_files.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/task_functions.h"
 

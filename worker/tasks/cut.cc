@@ -4,7 +4,7 @@
 #include "common/storage/files.h"
 #include "worker/tasks/task_functions.h"
 #include "worker/tile/cut_tile.h"
-#include "worker/tile/tile_options.h"
+#include "worker/tile/methods.h"
 
 namespace tessera {
 

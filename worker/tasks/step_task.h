@@ -7,8 +7,7 @@
 #include "common/base/status.h"
 #include "common/job/task_parameters.h"
 #include "worker/tasks/task.h"
-#include "worker/tile/tile_options.h"
-#include "worker/tile/tile_step.h"
+#include "worker/tile/methods.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {

@@ -5,9 +5,9 @@
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
 #include "worker/city/city_file.h"
+#include "worker/tile/methods.h"
 #include "worker/tile/regions.h"
 #include "worker/tile/tile_files.h"
-#include "worker/tile/tile_options.h"
 #include "worker/tile/visible_set.h"
 
 namespace tessera {

@@ -10,8 +10,7 @@
 #include "common/base/task_control.h"
 #include "worker/label/unary.h"
 #include "worker/photo/data_term.h"
-#include "worker/tile/tile_options.h"
-#include "worker/tile/tile_step.h"
+#include "worker/tile/methods.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {

@@ -64,6 +64,22 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
   return options;
 }
 
+std::vector<TileStep> TileStepsOf(const std::vector<RefineStep>& steps) {
+  int finest = -1;
+  for (const RefineStep& step : steps) {
+    if (!step.labels()) finest = step.level;
+  }
+  std::vector<TileStep> out;
+  for (const RefineStep& step : steps) {
+    TileStep at = {step, 0, !step.labels() && step.level == finest};
+    if (!out.empty() && out.back().step.level == step.level && out.back().step.round == step.round) {
+      at.level_iteration = out.back().level_iteration + 1;
+    }
+    out.push_back(at);
+  }
+  return out;
+}
+
 std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package) {
   const std::vector<RefineStep> steps = RefineStepsOf(parameters.method, parameters.rounds, parameters.settings);
   const MethodRules rules = MethodRulesOf(parameters.method, parameters.rounds, parameters.settings);

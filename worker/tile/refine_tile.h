@@ -7,9 +7,8 @@
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/base/task_control.h"
+#include "worker/tile/methods.h"
 #include "worker/tile/tile_files.h"
-#include "worker/tile/tile_options.h"
-#include "worker/tile/tile_step.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {

@@ -7,7 +7,7 @@
 
 #include "common/base/status.h"
 #include "worker/refine/stepper.h"
-#include "worker/tile/tile_options.h"
+#include "worker/tile/methods.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {

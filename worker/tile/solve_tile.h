@@ -8,9 +8,8 @@
 #include "common/base/status.h"
 #include "worker/label/unary.h"
 #include "worker/tile/measure_tile.h"
+#include "worker/tile/methods.h"
 #include "worker/tile/tile_files.h"
-#include "worker/tile/tile_options.h"
-#include "worker/tile/tile_step.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {

@@ -1,14 +1,11 @@
 #include "worker/tile/tile_files.h"
 
 #include <algorithm>
-#include <cstring>
 #include <nlohmann/json.hpp>
-#include <type_traits>
 
 #include "absl/strings/str_cat.h"
 #include "common/arrays/array_file.h"
 #include "common/job/survey.h"
-#include "worker/city/mesh_arrays.h"
 
 namespace tessera {
 namespace {
@@ -31,13 +28,12 @@ Status ReadMetadata(const std::string& metadata, const std::string& file, const 
   }
 }
 
-// Records that consist of floats, as an array of floats.
-template <class Record>
-std::vector<float> ToFloats(const std::vector<Record>& records) {
-  static_assert(sizeof(Record) % sizeof(float) == 0 && std::is_trivially_copyable_v<Record>);
-  std::vector<float> floats(records.size() * sizeof(Record) / sizeof(float));
-  if (!records.empty()) std::memcpy(floats.data(), records.data(), floats.size() * sizeof(float));
-  return floats;
+// Records that consist of numbers of one type, as an array of these.
+template <class Number, class Record>
+std::vector<Number> ToNumbers(const std::vector<Record>& records) {
+  static_assert(sizeof(Record) % sizeof(Number) == 0 && alignof(Record) == alignof(Number));
+  const auto* first = reinterpret_cast<const Number*>(records.data());
+  return {first, first + records.size() * sizeof(Record) / sizeof(Number)};
 }
 
 // A view of an array as records of numbers of one type; a partial record at the end is ignored.
@@ -87,6 +83,36 @@ Status CheckBegins(std::span<const uint32_t> begin, size_t count, const std::str
   return absl::DataLossError(absl::StrCat(file, ": ", name, ": found no ascending offsets from 0 to ", count));
 }
 
+// A mesh as the arrays mesh.vertices (3 doubles each), mesh.faces (3 indices each) and mesh.labels.
+void PutMesh(const TriangleMesh& mesh, ArrayFile* file) {
+  file->arrays["mesh.vertices"] = ToNumbers<double>(mesh.vertices);
+  file->arrays["mesh.faces"] = ToNumbers<uint32_t>(mesh.faces);
+  file->arrays["mesh.labels"] = mesh.labels;
+}
+
+// DATA_LOSS if arrays are missing or inconsistent.
+StatusOr<TriangleMesh> TakeMesh(ArrayFile* file) {
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<double> positions, file->Take<double>("mesh.vertices"));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> corners, file->Take<uint32_t>("mesh.faces"));
+  TriangleMesh mesh;
+  TESSERA_ASSIGN_OR_RETURN(mesh.labels, file->Take<int32_t>("mesh.labels"));
+  if (positions.size() % 3 != 0)
+    return absl::DataLossError(file->name + ": mesh.vertices: expected 3 values per point");
+  if (corners.size() % 3 != 0) return absl::DataLossError(file->name + ": mesh.faces: expected 3 indices per face");
+  mesh.vertices = Copy(ToRecords<Eigen::Vector3d>(std::span<const double>(positions)));
+  mesh.faces = Copy(ToRecords<Triangle>(std::span<const uint32_t>(corners)));
+  for (const uint32_t corner : corners) {
+    if (corner < mesh.vertices.size()) continue;
+    return absl::DataLossError(
+        absl::StrCat(file->name, ": mesh.faces: found vertex ", corner, ", expected less than ", mesh.vertices.size()));
+  }
+  if (!mesh.labels.empty() && mesh.labels.size() != mesh.faces.size()) {
+    return absl::DataLossError(
+        absl::StrCat(file->name, ": mesh.labels: found ", mesh.labels.size(), ", expected ", mesh.faces.size()));
+  }
+  return mesh;
+}
+
 // Checks that offsets of cells ascend from 0 to `count`.
 StatusOr<std::vector<uint32_t>> TakeBegins(const std::string& name, size_t cells, size_t count, ArrayFile* file) {
   TESSERA_ASSIGN_OR_RETURN(std::vector<uint32_t> begin, file->Take<uint32_t>(name, static_cast<int64_t>(cells) + 1));
@@ -118,13 +144,11 @@ Status WriteTilePackage(const std::string& path, const TilePackage& p) {
       {"view_depths", p.view_depths},
       {"pairs",
        p.pairs}}.dump();
-  std::vector<int32_t> cells;
-  for (const auto& at : p.cell_at) cells.insert(cells.end(), at.begin(), at.end());
-  file.arrays["cells"] = std::move(cells);
+  file.arrays["cells"] = ToNumbers<int32_t>(p.cell_at);
   PutRows(p.cell_views, "cell_views", &file);
   file.arrays["cell_faces"] = p.cells.face_begin;
   file.arrays["cell_vertices"] = p.cells.vertex_begin;
-  PutMesh(p.mesh, "mesh", &file);
+  PutMesh(p.mesh, &file);
   file.arrays["vertex_ids"] = p.vertex_ids;
   file.arrays["face_ids"] = p.face_ids;
   file.arrays["regions"] = p.regions;
@@ -165,11 +189,11 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
                                             " ids and ", p.view_rects.size(), " windows of ", p.views.size(),
                                             " views"));
   }
-  TESSERA_ASSIGN_OR_RETURN(p.mesh, TakeMesh("mesh", &file));
+  TESSERA_ASSIGN_OR_RETURN(p.mesh, TakeMesh(&file));
   const int64_t vertices = static_cast<int64_t>(p.mesh.vertices.size());
   const int64_t faces = static_cast<int64_t>(p.mesh.faces.size());
   TESSERA_ASSIGN_OR_RETURN(const std::vector<int32_t> cells, file.Take<int32_t>("cells"));
-  for (size_t i = 0; i + 1 < cells.size(); i += 2) p.cell_at.push_back({cells[i], cells[i + 1]});
+  p.cell_at = Copy(ToRecords<std::array<int32_t, 2>>(std::span<const int32_t>(cells)));
   TESSERA_ASSIGN_OR_RETURN(p.cell_views, TakeRows("cell_views", static_cast<int64_t>(p.cell_at.size()), &file));
   TESSERA_ASSIGN_OR_RETURN(p.cells.face_begin, TakeBegins("cell_faces", p.cell_at.size(), faces, &file));
   TESSERA_ASSIGN_OR_RETURN(p.cells.vertex_begin, TakeBegins("cell_vertices", p.cell_at.size(), vertices, &file));
@@ -191,7 +215,7 @@ Status WriteTileSums(const std::string& path, const TileSums& s) {
                       .dump();
   const auto put = [&](const std::string& prefix, const FaceSumsById& sums) {
     file.arrays[prefix + "face_ids"] = sums.face_ids;
-    file.arrays[prefix + "photo"] = ToFloats(sums.photo);
+    file.arrays[prefix + "photo"] = ToNumbers<float>(sums.photo);
     file.arrays[prefix + "likelihoods"] = sums.likelihoods;
     file.arrays[prefix + "pixels"] = sums.pixels;
   };
@@ -277,11 +301,9 @@ Status WriteTileState(const std::string& path, const TileState& s) {
   file.metadata =
       json{{"tile", s.tile}, {"in_level", !s.level_start.empty()}, {"report", json::parse(s.report)}}.dump();
   file.arrays["vertex_ids"] = s.vertex_ids;
-  PutPoints(s.positions, "positions", &file);
-  PutPoints(s.level_start, "level_start", &file);
-  std::vector<float> last_step;
-  for (const Eigen::Vector3f& step : s.last_step) last_step.insert(last_step.end(), step.data(), step.data() + 3);
-  file.arrays["last_step"] = std::move(last_step);
+  file.arrays["positions"] = ToNumbers<double>(s.positions);
+  file.arrays["level_start"] = ToNumbers<double>(s.level_start);
+  file.arrays["last_step"] = ToNumbers<float>(s.last_step);
   file.arrays["face_ids"] = s.face_ids;
   file.arrays["labels"] = s.labels;
   file.arrays["confidence"] = s.confidence;

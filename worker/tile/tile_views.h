@@ -10,7 +10,7 @@
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
 #include "worker/photo/data_term.h"
-#include "worker/photo/view_pixels.h"
+#include "worker/photo/stored_texels.h"
 #include "worker/tile/tile_files.h"
 #include "worker/visibility/image_window.h"
 #include "worker/visibility/view_groups.h"

@@ -20,8 +20,8 @@
 #include "worker/photo/data_term.h"
 #include "worker/photo/face_sums.h"
 #include "worker/refine/stepper.h"
+#include "worker/tile/methods.h"
 #include "worker/tile/tile_files.h"
-#include "worker/tile/tile_options.h"
 #include "worker/tile/tile_views.h"
 
 namespace tessera {

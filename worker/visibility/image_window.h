@@ -28,6 +28,14 @@ struct CameraWindow {
 
 // The camera of a pyramid level. Every level halves width and height, rounding down: an odd size loses its last column
 // or row, so the pixel edges of all levels coincide.
-PosedCamera PyramidCamera(const PosedCamera& camera, int level);
+inline PosedCamera PyramidCamera(PosedCamera camera, int level) {
+  PinholeCamera& k = camera.intrinsics;
+  for (int i = 0; i < level; ++i) {
+    k.width &= ~1;
+    k.height &= ~1;
+    k = k.Resized(k.width / 2, k.height / 2);
+  }
+  return camera;
+}
 
 }  // namespace tessera
