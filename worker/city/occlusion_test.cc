@@ -5,8 +5,8 @@
 namespace tessera {
 
 StatusOr<TriangleMesh> FacesAround(const CityReader& city, const Eigen::AlignedBox3d& box, double radius_m) {
-  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(radius_m);
-  const Eigen::AlignedBox3d around(box.min() - reach, box.max() + reach);
+  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(radius_m);
+  const Eigen::AlignedBox3d around(box.min() - margin, box.max() + margin);
   TriangleMesh found;
   for (size_t b = 0; b < city.block_count(); ++b) {
     if (!city.box(b).intersects(around)) continue;

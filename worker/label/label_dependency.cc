@@ -78,12 +78,12 @@ LabelDependencyRadius LabelDependencyRadiusOf(const SolverOptions& options) {
 
 std::vector<uint8_t> FacesInDependencyRadius(const std::vector<std::array<uint32_t, 2>>& face_links,
                                              const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
-                                             const LabelDependencyRadius& reach) {
+                                             const LabelDependencyRadius& radius) {
   std::vector<uint8_t> faces = core;
-  GrowByBlocks(face_links, cell, BlockGrid::kOdd, reach.odd_links, &faces);
-  Grow(face_links, reach.odd_rings, &faces);
-  GrowByBlocks(face_links, cell, BlockGrid::kEven, reach.even_links, &faces);
-  Grow(face_links, reach.rings, &faces);
+  GrowByBlocks(face_links, cell, BlockGrid::kOdd, radius.odd_links, &faces);
+  Grow(face_links, radius.odd_rings, &faces);
+  GrowByBlocks(face_links, cell, BlockGrid::kEven, radius.even_links, &faces);
+  Grow(face_links, radius.rings, &faces);
   return faces;
 }
 

@@ -38,6 +38,6 @@ LabelDependencyRadius LabelDependencyRadiusOf(const SolverOptions& options);
 // share an edge, in any order; a superset of the field's edges. `cell`: as in LabelField.
 std::vector<uint8_t> FacesInDependencyRadius(const std::vector<std::array<uint32_t, 2>>& face_links,
                                              const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
-                                             const LabelDependencyRadius& reach);
+                                             const LabelDependencyRadius& radius);
 
 }  // namespace tessera

@@ -37,7 +37,7 @@ std::vector<Sample> DrawSamples(const TriangleMesh& mesh, int count) {
   return samples;
 }
 
-SampleView Look(const Sample& sample, const PosedCamera& camera) {
+SampleView MakeSampleView(const Sample& sample, const PosedCamera& camera) {
   constexpr double kMinCosine = 0.15;
   SampleView sample_view;
   const Vector3d pixel = camera.Project(sample.point);
@@ -77,7 +77,7 @@ class PairQuality {
   const double least_cosine_, most_cosine_;
 };
 
-struct Seeing {
+struct ViewOfSample {
   int view;
   SampleView sample_view;
 };
@@ -136,11 +136,11 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
   std::vector<std::vector<SeenSample>> seen(views);
   ParallelForEach(views, 1, [&](int64_t i) {
     for (uint32_t s = 0; s < samples.size(); ++s) {
-      const SampleView sample_view = Look(samples[s], cameras[i]);
+      const SampleView sample_view = MakeSampleView(samples[s], cameras[i]);
       if (sample_view.footprint_m > 0) seen[i].push_back({s, sample_view});
     }
   });
-  std::vector<std::vector<Seeing>> views_of_sample(samples.size());
+  std::vector<std::vector<ViewOfSample>> views_of_sample(samples.size());
   for (int i = 0; i < views; ++i) {
     for (const SeenSample& sample : seen[i]) views_of_sample[sample.sample].push_back({i, sample.sample_view});
   }
@@ -153,7 +153,7 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
     std::vector<int> place(views, -1);  // position among the candidates
     std::vector<Candidate> candidates;
     for (size_t s = 0; s < seen[i].size(); ++s) {
-      for (const Seeing& other : views_of_sample[seen[i][s].sample]) {
+      for (const ViewOfSample& other : views_of_sample[seen[i][s].sample]) {
         if (other.view == i) continue;
         const double quality = quality_of(seen[i][s].sample_view, other.sample_view);
         if (quality == 0) continue;

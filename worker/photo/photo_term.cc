@@ -134,23 +134,23 @@ void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   for (const ViewPair& pair : pairs_) problem.pairs.push_back({pair.reference, pair.other});
   problem.reference_margin_px = std::max(2 * options_.window.radius, options_.visitor_margin_px);
   problem.target_margin_px = 1;
-  const VisibleCells sight = FindVisibleCells(problem);
+  const VisibleCells visible = FindVisibleCells(problem);
   for (size_t v = 0; v < views_.size(); ++v) {
-    parts_.push_back(boxes.PartOf(sight.cells[v]));
+    parts_.push_back(boxes.PartOf(visible.cells[v]));
     if (!views_[v].stored) continue;
     const auto window = [&](const PixelRect& needed) {
       return needed.empty() ? PixelRect() : views_[v].FromStep(needed);
     };
-    target_rects_[v] = window(sight.windows[v]);
-    reference_rects_[v] = window(sight.own_windows[v]);
+    target_rects_[v] = window(visible.windows[v]);
+    reference_rects_[v] = window(visible.own_windows[v]);
   }
 }
 
 void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit) {
   if (opened_ == opening_.size() || first_step_[opening_[opened_]] > step) return;
-  const size_t wanted = opened_ + 2 * static_cast<size_t>(ThreadCount());
+  const size_t open_until = opened_ + 2 * static_cast<size_t>(ThreadCount());
   std::vector<size_t> open;
-  while (opened_ < opening_.size() && (opened_ < wanted || first_step_[opening_[opened_]] <= step)) {
+  while (opened_ < opening_.size() && (opened_ < open_until || first_step_[opening_[opened_]] <= step)) {
     if (const size_t view = opening_[opened_++]; !target_rects_[view].empty()) open.push_back(view);
   }
   std::vector<CameraWindow> windows;

@@ -36,10 +36,10 @@ void SetWarpTarget(const Texels& texels, const FaceMap& map, const DepthRange& r
   target->texels = &texels;
   target->packed.resize(texels.luminance.size());
   std::fill(target->packed.begin() + static_cast<ptrdiff_t>(texels.Index(0, map.height)), target->packed.end(), 0u);
-  const DepthRange& held = range.empty() ? RangeOf(map) : range;
+  const DepthRange& depths = range.empty() ? RangeOf(map) : range;
   // Codes 0..65533, so that rounding up never reaches kNothing.
-  target->depth_min = held.near_m;
-  target->depth_step = std::max((held.far_m - held.near_m) / 65532, std::numeric_limits<float>::min());
+  target->depth_min = depths.near_m;
+  target->depth_step = std::max((depths.far_m - depths.near_m) / 65532, std::numeric_limits<float>::min());
   const float minimum = target->depth_min, per_depth = 1 / target->depth_step;
   ParallelForEach(map.height, kRows, [&](int64_t y) {
     const size_t row = texels.Index(0, static_cast<int>(y));
@@ -50,8 +50,8 @@ void SetWarpTarget(const Texels& texels, const FaceMap& map, const DepthRange& r
     for (int x = 0; x < map.width; ++x) {
       const float steps = std::clamp((depth[x] - minimum) * per_depth, -1.0f, 65534.0f);
       const int32_t code = 1 + static_cast<int32_t>(steps);
-      const uint32_t looked_at = face[x] == kNotSelected ? 0 : luminance[x];
-      out[x] = looked_at | static_cast<uint32_t>(code) << 16;
+      const uint32_t visible = face[x] == kNotSelected ? 0 : luminance[x];
+      out[x] = visible | static_cast<uint32_t>(code) << 16;
     }
     std::fill(out + map.width, out + texels.stride, 0u);
   });

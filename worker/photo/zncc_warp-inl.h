@@ -84,9 +84,9 @@ class Rows {
       const int end = std::min(blocks_, begin + kChunk);
       first(begin, end);
       if (end == blocks_) ClearInLines(end);
-      const int reach = end == blocks_ ? blocks_ : end - 1;
-      second(ready, reach);
-      ready = reach;
+      const int available = end == blocks_ ? blocks_ : end - 1;
+      second(ready, available);
+      ready = available;
       for (int i = 0; i < kLines; ++i) {
         std::copy_n(Line(i) + (end - 2) * kPixelBlock, 2 * kPixelBlock, lines_ + kLineStride * i);
       }

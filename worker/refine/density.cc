@@ -112,8 +112,8 @@ SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamer
     std::vector<uint32_t> midpoint(table.edges.size(), kNone);
     ParallelForEach(table.edges.size(), kGrain, [&](int64_t e) {
       const Vector3d &a = out.mesh.vertices[table.edges[e].low], &b = out.mesh.vertices[table.edges[e].high];
-      const std::optional<bool> told = rule ? rule(table.edges[e].low, table.edges[e].high) : std::nullopt;
-      if (told ? *told : LongestSquaredPx(a, b, cameras) > limit_px2) midpoint[e] = 0;
+      const std::optional<bool> decided = rule ? rule(table.edges[e].low, table.edges[e].high) : std::nullopt;
+      if (decided ? *decided : LongestSquaredPx(a, b, cameras) > limit_px2) midpoint[e] = 0;
     });
     bool any = false;
     for (size_t e = 0; e < table.edges.size(); ++e) {

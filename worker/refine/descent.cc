@@ -222,12 +222,12 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
 }
 
 StepDependencyRadius StepDependencyRadiusOf(int smoothing_sweeps, const MotionLimits& limits) {
-  StepDependencyRadius reach;
-  reach.gradient = std::max(SmoothTerm::kGradientRings, InterTerm::kGradientRings);
-  reach.sweeps = SmoothTerm::SolveRings(smoothing_sweeps);
-  reach.start = limits.start_smoothing_steps + 1;
-  reach.folding = MotionGuard::kFoldingPasses;
-  return reach;
+  StepDependencyRadius radius;
+  radius.gradient = std::max(SmoothTerm::kGradientRings, InterTerm::kGradientRings);
+  radius.sweeps = SmoothTerm::SolveRings(smoothing_sweeps);
+  radius.start = limits.start_smoothing_steps + 1;
+  radius.folding = MotionGuard::kFoldingPasses;
+  return radius;
 }
 
 std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo, const SmoothTerm& smooth,

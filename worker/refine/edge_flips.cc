@@ -215,10 +215,10 @@ void FlipGroup(TriangleMesh* mesh) {
     boxes.Refit(*mesh);
     const std::vector<FacePair> cut = boxes.Intersections(*mesh, changed);
     if (attempt == 0 && !cut.empty()) cut_before = IntersectingFacePairs({mesh->vertices, before, {}});
-    const std::vector<FacePair> anew = NewPairs(cut_before, cut);
-    if (anew.empty()) return;
+    const std::vector<FacePair> new_pairs = NewPairs(cut_before, cut);
+    if (new_pairs.empty()) return;
     mesh->faces = before;
-    for (const FacePair& pair : anew) frozen[pair[0]] = frozen[pair[1]] = 1;
+    for (const FacePair& pair : new_pairs) frozen[pair[0]] = frozen[pair[1]] = 1;
   }
 }
 

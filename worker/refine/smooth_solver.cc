@@ -301,9 +301,10 @@ class SmoothTerm::System {
 
     Matrix3d block = data;
     if (!term_.anchored_.empty()) {
-      const auto kept = std::lower_bound(term_.anchored_.begin(), term_.anchored_.end(), v,
-                                         [](const AnchoredVertex& k, uint32_t vertex) { return k.vertex < vertex; });
-      if (kept != term_.anchored_.end() && kept->vertex == v) block += weights_.anchor * kept->block;
+      const auto anchored =
+          std::lower_bound(term_.anchored_.begin(), term_.anchored_.end(), v,
+                           [](const AnchoredVertex& k, uint32_t vertex) { return k.vertex < vertex; });
+      if (anchored != term_.anchored_.end() && anchored->vertex == v) block += weights_.anchor * anchored->block;
     }
     data_[p] = SymmetricBlock(block);
     if (term_.fixed_[v]) return;

@@ -75,7 +75,7 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
       if (anchor > 0 && !fixed_[v]) anchored_[slot[v]].block += anchor * normal * normal.transpose();
     }
   }
-  for (AnchoredVertex& kept : anchored_) kept.block /= faces_at[kept.vertex];
+  for (AnchoredVertex& anchored : anchored_) anchored.block /= faces_at[anchored.vertex];
 }
 
 void SmoothTerm::Reweight(const Positions& v, const CreaseWeights& creases) {

@@ -106,8 +106,8 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(const SceneSummary summary,
                            CheckSceneFolder(InputPath(request, kSceneFolder), load, kMaxFacesInMemory,
                                             &outcome.warnings, PartOf(control, 0, 0.3)));
-  Warnings said_already;
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(InputPath(request, kSceneFolder), &said_already, load));
+  Warnings repeated;
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(InputPath(request, kSceneFolder), &repeated, load));
   for (size_t v = 0; v < scene.views.size(); ++v) {
     SceneView& view = scene.views[v];
     view.camera = OnLocalGrid(view.camera);

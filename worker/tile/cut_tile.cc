@@ -212,14 +212,14 @@ CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const T
   CutOptions out;
   const StepperOptions& stepper = options.step;
   const MotionLimits limits = MakeMotionLimits(stepper, gsd_m);
-  out.sight.motion_m = MotionBound_m(limits);
-  out.sight.reference_margin_px = ReferenceMargin_px(window_px, coarsest_level);
-  out.sight.target_margin_px = TargetMargin_px(coarsest_level);
-  out.sight.alignment_px = 1 << coarsest_level;
-  out.reach.solve_rings = StepDependencyRadiusOf(stepper.smoothing_sweeps, limits).rings();
-  out.reach.repair = RepairDependencyRadiusOf(stepper);
-  out.reach.contact_m = 2 * out.sight.motion_m;
-  out.reach.label = LabelDependencyRadiusOf(options.solver);
+  out.visible_set.motion_m = MotionBound_m(limits);
+  out.visible_set.reference_margin_px = ReferenceMargin_px(window_px, coarsest_level);
+  out.visible_set.target_margin_px = TargetMargin_px(coarsest_level);
+  out.visible_set.alignment_px = 1 << coarsest_level;
+  out.radius.solve_rings = StepDependencyRadiusOf(stepper.smoothing_sweeps, limits).rings();
+  out.radius.repair = RepairDependencyRadiusOf(stepper);
+  out.radius.contact_m = 2 * out.visible_set.motion_m;
+  out.radius.label = LabelDependencyRadiusOf(options.solver);
   return out;
 }
 
@@ -250,16 +250,16 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     return absl::InvalidArgumentError(absl::StrCat("tile ", p.tile.tile, ": found depths of ",
                                                    survey.view_depths.size(), " views of ", survey.views.size()));
   }
-  VisibleSet sight = FindVisibleSet(survey, measured_cells, views, options.sight);
+  VisibleSet visible = FindVisibleSet(survey, measured_cells, views, options.visible_set);
   // Partners without needed pixels are dropped: they do not affect the tile.
   size_t kept = 0;
   for (size_t v = 0; v < views.size(); ++v) {
-    if (sight.windows[v].empty()) continue;
+    if (visible.windows[v].empty()) continue;
     views[kept] = views[v];
-    sight.windows[kept++] = sight.windows[v];
+    visible.windows[kept++] = visible.windows[v];
   }
   views.resize(kept);
-  sight.windows.resize(kept);
+  visible.windows.resize(kept);
 
   // Add blocks until none contains more data about the faces found. The regions need whole neighbourhoods, whose
   // extent is only known once their faces are loaded, hence the loop.
@@ -276,9 +276,9 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     if (std::find(core.begin(), core.end(), 1) == core.end()) {
       return absl::InvalidArgumentError(absl::StrCat("tile ", p.tile.tile, ": found no faces in its core"));
     }
-    regions = FindRegions(loaded.faces.mesh, loaded.faces_of_vertex, loaded.label_cell, core, options.reach);
-  } while (AddBlocksAbout(city, loaded, regions, options.reach.contact_m, &blocks));
-  CellSet cells, in_sight;
+    regions = FindRegions(loaded.faces.mesh, loaded.faces_of_vertex, loaded.label_cell, core, options.radius);
+  } while (AddBlocksAbout(city, loaded, regions, options.radius.contact_m, &blocks));
+  CellSet cells, visible_cells;
   std::map<uint8_t, CellSet> of_region;
   for (size_t f = 0; f < regions.size(); ++f) {
     if (regions[f] == 0) continue;
@@ -287,10 +287,10 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
       if (regions[f] & region) of_region[region].insert(loaded.cell[f]);
     }
   }
-  for (size_t c = 0; c < sight.cells.size(); ++c) {
-    if (sight.cells[c] || measured_cells[c]) in_sight.insert({survey.cells[c].x, survey.cells[c].y});
+  for (size_t c = 0; c < visible.cells.size(); ++c) {
+    if (visible.cells[c] || measured_cells[c]) visible_cells.insert({survey.cells[c].x, survey.cells[c].y});
   }
-  cells.insert(in_sight.begin(), in_sight.end());
+  cells.insert(visible_cells.begin(), visible_cells.end());
   if (AddBlocksOf(city, cells, &blocks)) {
     // Both lists of faces ascend, and the second contains the first.
     const std::vector<uint32_t> before_ids = std::move(loaded.faces.face_ids);
@@ -320,12 +320,12 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     });
   });
   package.view_ids = views;
-  package.view_rects = sight.windows;
+  package.view_rects = visible.windows;
   std::map<int32_t, int32_t> local_view;
   for (const int32_t view : views) {
     local_view.emplace(view, static_cast<int32_t>(package.views.size()));
     package.views.push_back(survey.views[view]);
-    package.view_depths.push_back(DepthsOfView(survey, view, options.sight.motion_m));
+    package.view_depths.push_back(DepthsOfView(survey, view, options.visible_set.motion_m));
   }
   for (const auto& [reference, other] : survey.pairs) {
     const auto r = local_view.find(reference), o = local_view.find(other);
@@ -335,11 +335,11 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   std::map<CellAt, const SurveyCell*, CellOrder> surveyed;
   for (const SurveyCell& cell : survey.cells) surveyed[{cell.x, cell.y}] = &cell;
   for (const CellAt& at : package.cell_at) {
-    std::vector<int32_t>& looking = package.cell_views.emplace_back();
+    std::vector<int32_t>& selected = package.cell_views.emplace_back();
     const auto cell = surveyed.find(GroundCellOf(at));
     if (cell == surveyed.end()) continue;
     for (const int32_t view : cell->second->views) {
-      if (const auto local = local_view.find(view); local != local_view.end()) looking.push_back(local->second);
+      if (const auto local = local_view.find(view); local != local_view.end()) selected.push_back(local->second);
     }
   }
   const auto tiles_of = [&](const CellSet& of) {
@@ -352,7 +352,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     }
     return tiles;
   };
-  result.reads.visibility = tiles_of(in_sight);
+  result.reads.visibility = tiles_of(visible_cells);
   result.reads.solve = tiles_of(of_region[kSolveRegion]);
   result.reads.repair = tiles_of(of_region[kRepairRegion]);
   result.reads.label = tiles_of(of_region[kLabelRegion]);

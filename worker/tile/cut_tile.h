@@ -13,8 +13,8 @@
 namespace tessera {
 
 struct CutOptions {
-  VisibleSetOptions sight;
-  RegionDependencyRadius reach;
+  VisibleSetOptions visible_set;
+  RegionDependencyRadius radius;
 };
 
 // Margins and alignment for this window size and coarsest pyramid level.

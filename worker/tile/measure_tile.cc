@@ -23,16 +23,16 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
   problem.boxes = boxes.boxes();
   for (const RefineView& view : views) problem.views.push_back(view.window());
   problem.own = OwnCellsOfViews(package.cells, work.measured(), groups.selected, views.size());
-  const VisibleCells sight = FindVisibleCells(problem);
+  const VisibleCells visible = FindVisibleCells(problem);
   for (size_t v = 0; v < views.size(); ++v) {
-    if (sight.windows[v].empty()) continue;
+    if (visible.windows[v].empty()) continue;
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(v) / static_cast<double>(views.size()), "collecting likelihoods");
     if (!views[v].pixels->has_likelihoods()) continue;
     TESSERA_ASSIGN_OR_RETURN(const StoredTexels level, views[v].pixels->Level(0));
     const FloatImage likelihoods = LikelihoodImage(level);
-    const CameraWindow window(views[v].camera, sight.windows[v]);
-    const MeshPart part = boxes.PartOf(sight.cells[v]);
+    const CameraWindow window(views[v].camera, visible.windows[v]);
+    const MeshPart part = boxes.PartOf(visible.cells[v]);
     rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
     MarkNotSelected(groups, v, &maps[0]);
     AddLikelihoods(maps[0], likelihoods, level.mapping, &sums);

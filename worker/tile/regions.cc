@@ -80,12 +80,12 @@ std::vector<std::array<uint32_t, 2>> FaceLinks(const std::vector<Triangle>& face
 }  // namespace
 
 RepairDependencyRadius RepairDependencyRadiusOf(const StepperOptions& options) {
-  RepairDependencyRadius reach;
+  RepairDependencyRadius radius;
   for (const SurfaceRepair::Pass& pass : SurfaceRepair::kPasses) {
-    reach.rings.insert(reach.rings.begin(), SurfaceRepair::RingsOf(pass));
+    radius.rings.insert(radius.rings.begin(), SurfaceRepair::RingsOf(pass));
   }
-  reach.start_rings = options.start_smoothing_steps + 1;
-  return reach;
+  radius.start_rings = options.start_smoothing_steps + 1;
+  return radius;
 }
 
 PickedMesh PickFlagged(const TriangleMesh& mesh, const std::vector<uint8_t>& faces) {
@@ -135,36 +135,36 @@ void GrowRings(const TriangleMesh& mesh, const CsrRows& faces_of_vertex, int rin
 }
 
 std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
-                                    const std::vector<uint8_t>& core, const RepairDependencyRadius& reach,
+                                    const std::vector<uint8_t>& core, const RepairDependencyRadius& radius,
                                     const std::vector<Eigen::AlignedBox3d>& boxes) {
   std::vector<uint8_t> faces = core;
   GrowRings(mesh, faces_of_vertex, 1, &faces);
-  for (const int rings : reach.rings) {
+  for (const int rings : radius.rings) {
     GrowRings(mesh, faces_of_vertex, rings, &faces);
     GrowContacts(boxes, &faces);
   }
-  GrowRings(mesh, faces_of_vertex, reach.start_rings, &faces);
+  GrowRings(mesh, faces_of_vertex, radius.start_rings, &faces);
   return faces;
 }
 
 std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                  const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
-                                 const RegionDependencyRadius& reach) {
+                                 const RegionDependencyRadius& radius) {
   // Converts vertex rings to face rings: a vertex at distance d has all its faces within d + 1 rings.
   std::vector<uint8_t> solve = core;
-  GrowRings(mesh, faces_of_vertex, reach.solve_rings + 1, &solve);
+  GrowRings(mesh, faces_of_vertex, radius.solve_rings + 1, &solve);
   std::vector<Eigen::AlignedBox3d> boxes(mesh.faces.size());
-  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(reach.contact_m / 2);
+  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(radius.contact_m / 2);
   for (size_t f = 0; f < boxes.size(); ++f) {
     for (const uint32_t v : mesh.faces[f]) boxes[f].extend(mesh.vertices[v]);
     boxes[f] = {boxes[f].min() - margin, boxes[f].max() + margin};
   }
-  const std::vector<uint8_t> mend = FacesForRepair(mesh, faces_of_vertex, core, reach.repair, boxes);
-  const std::vector<uint8_t> label = FacesInDependencyRadius(FaceLinks(mesh.faces), cell, core, reach.label);
+  const std::vector<uint8_t> repair = FacesForRepair(mesh, faces_of_vertex, core, radius.repair, boxes);
+  const std::vector<uint8_t> label = FacesInDependencyRadius(FaceLinks(mesh.faces), cell, core, radius.label);
   std::vector<uint8_t> regions(core.size());
   for (size_t f = 0; f < regions.size(); ++f) {
     regions[f] = static_cast<uint8_t>((core[f] ? kCoreRegion : 0) | (solve[f] ? kSolveRegion : 0) |
-                                      (mend[f] ? kRepairRegion : 0) | (label[f] ? kLabelRegion : 0));
+                                      (repair[f] ? kRepairRegion : 0) | (label[f] ? kLabelRegion : 0));
   }
   return regions;
 }

@@ -42,7 +42,7 @@ void GrowRings(const TriangleMesh& mesh, const CsrRows& faces_of_vertex, int rin
 // Flags the faces that SurfaceRepair and its face test read to compute the vertices of `core` exactly. `boxes`: per
 // face, where it may be at any time. Contacts are tested in plan only, which is conservative.
 std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
-                                    const std::vector<uint8_t>& core, const RepairDependencyRadius& reach,
+                                    const std::vector<uint8_t>& core, const RepairDependencyRadius& radius,
                                     const std::vector<Eigen::AlignedBox3d>& boxes);
 
 // The label solver's cell of a face, by its centroid in the start.
@@ -55,6 +55,6 @@ inline Cell LabelCellOf(const GroundPlane& ground, double gsd_m, const Eigen::Ve
 // one flag per face. Exact if the mesh contains all faces adjacent to those found.
 std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                  const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
-                                 const RegionDependencyRadius& reach);
+                                 const RegionDependencyRadius& radius);
 
 }  // namespace tessera

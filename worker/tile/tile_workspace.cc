@@ -26,13 +26,13 @@ constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300;
 
 // Bound on the bytes of all idle workspaces.
-size_t KeptLimit_bytes() {
+size_t IdleLimit_bytes() {
   static const auto limit = static_cast<size_t>(std::min(MemoryLimit_bytes() / 8, int64_t{2} << 30));
   return limit;
 }
 
 // Idle workspaces of recent tasks, so that the next step of a tile need not read its package again. Thread-safe.
-class KeptTiles {
+class IdleWorkspaces {
  public:
   std::unique_ptr<TileWorkspace> Take(const std::string& key) {
     const std::lock_guard lock(mutex_);
@@ -49,7 +49,7 @@ class KeptTiles {
     size_t bytes = 0;
     for (auto it = kept_.begin(); it != kept_.end();) {
       bytes += it->work->bytes();
-      it = bytes > KeptLimit_bytes() ? kept_.erase(it) : std::next(it);
+      it = bytes > IdleLimit_bytes() ? kept_.erase(it) : std::next(it);
     }
   }
 
@@ -62,8 +62,8 @@ class KeptTiles {
   std::list<Kept> kept_;  // most recently used first
 };
 
-KeptTiles& Kept() {
-  static KeptTiles* const kept = new KeptTiles;
+IdleWorkspaces& Kept() {
+  static IdleWorkspaces* const kept = new IdleWorkspaces;
   return *kept;
 }
 

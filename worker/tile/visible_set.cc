@@ -33,10 +33,10 @@ VisibleSet FindVisibleSet(const Survey& survey, const std::vector<uint8_t>& core
   problem.reference_margin_px = options.reference_margin_px;
   problem.target_margin_px = options.target_margin_px;
   const VisibleCells found = FindVisibleCells(problem);
-  VisibleSet sight;
-  sight.cells.assign(cells, 0);
+  VisibleSet visible;
+  visible.cells.assign(cells, 0);
   for (size_t v = 0; v < views.size(); ++v) {
-    for (const uint32_t c : found.cells[v]) sight.cells[c] = 1;
+    for (const uint32_t c : found.cells[v]) visible.cells[c] = 1;
     // A view that no selected cell shows has no pixels to compare.
     const bool useful =
         !problem.own[v].empty() || std::any_of(found.cells[v].begin(), found.cells[v].end(), [&](uint32_t c) {
@@ -47,11 +47,11 @@ VisibleSet FindVisibleSet(const Survey& survey, const std::vector<uint8_t>& core
     const PinholeCamera& k = problem.views[v].camera.intrinsics;
     const int align = options.alignment_px;
     const auto up = [align](int x, int limit) { return std::min(limit, (x + align - 1) / align * align); };
-    sight.windows.push_back(
+    visible.windows.push_back(
         r.empty() ? PixelRect()
                   : PixelRect{r.x0 / align * align, r.y0 / align * align, up(r.x1, k.width), up(r.y1, k.height)});
   }
-  return sight;
+  return visible;
 }
 
 }  // namespace tessera

@@ -119,8 +119,8 @@ class FaceSelector {
     const Vec low = hn::Min(hn::Min(va, vb), vc), high = hn::Max(hn::Max(va, vb), vc);
     const Vec first = hn::Max(hn::ShiftRight<kGridBits>(hn::Add(low, to_centre_)), hn::Zero(Quad()));
     const Vec last = hn::Min(hn::ShiftRight<kGridBits>(hn::Add(high, to_centre_)), size_);
-    const Vec held = hn::Or(hn::VecFromMask(Quad(), hn::Gt(last, first)), others_);
-    return hn::AllTrue(Quad(), hn::MaskFromVec(hn::Or(held, hn::Broadcast<3>(low))));
+    const Vec covers = hn::Or(hn::VecFromMask(Quad(), hn::Gt(last, first)), others_);
+    return hn::AllTrue(Quad(), hn::MaskFromVec(hn::Or(covers, hn::Broadcast<3>(low))));
   }
 
  private:
@@ -251,14 +251,14 @@ HWY_INLINE int SetUpLanes(const Triangle* faces, const uint32_t* list, int64_t c
   // Extents beyond 31 bits wrap to negative numbers.
   const auto extent = hn::Or(hn::Sub(x_high, x_low), hn::Sub(y_high, y_low));
   const auto off = hn::Or(hn::Or(off_grid[0], off_grid[1]), hn::Or(off_grid[2], hn::ShiftRight<kExtentBits>(extent)));
-  const int held = static_cast<int>(std::min<int64_t>(lanes, count));
-  if (hn::AllTrue(di, hn::Eq(off, hn::Zero(di)))) return held;
+  const int fitting = static_cast<int>(std::min<int64_t>(lanes, count));
+  if (hn::AllTrue(di, hn::Eq(off, hn::Zero(di)))) return fitting;
   alignas(16) int32_t is_off[kMaxLanes];
   hn::Store(off, di, is_off);
-  for (int lane = 0; lane < held; ++lane) {
+  for (int lane = 0; lane < fitting; ++lane) {
     if (is_off[lane] != 0) return lane;
   }
-  return held;
+  return fitting;
 }
 
 // Shrinks columns [first, last) of a row to approximately those inside the edges.
@@ -368,13 +368,13 @@ int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const G
   if (target.width < lanes) return 0;
   FaceBatch batch;
   for (int64_t done = 0; done < count;) {
-    const int wanted = static_cast<int>(std::min<int64_t>(FaceBatch::kFaces, count - done));
+    const int batch_size = static_cast<int>(std::min<int64_t>(FaceBatch::kFaces, count - done));
     int ready = 0;
-    while (ready < wanted) {
-      const int expected = std::min(lanes, wanted - ready);
-      const int held = SetUpLanes(faces, list + done + ready, wanted - ready, vertices, target, ready, &batch);
-      ready += held;
-      if (held < expected) break;
+    while (ready < batch_size) {
+      const int expected = std::min(lanes, batch_size - ready);
+      const int fitting = SetUpLanes(faces, list + done + ready, batch_size - ready, vertices, target, ready, &batch);
+      ready += fitting;
+      if (fitting < expected) break;
     }
     for (int k = 0; k < ready; ++k) {
       const auto id = static_cast<int32_t>(list[done + k]);
@@ -387,7 +387,7 @@ int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const G
       }
     }
     done += ready;
-    if (ready < wanted) return done;
+    if (ready < batch_size) return done;
   }
   return count;
 }

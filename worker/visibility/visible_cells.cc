@@ -125,23 +125,23 @@ VisibleCells FindVisibleCells(const VisibleCellsProblem& problem) {
   for (const auto& [reference, other] : problem.pairs) {
     lands[other].insert(lands[other].end(), shown[reference].begin(), shown[reference].end());
   }
-  VisibleCells sight;
-  sight.cells.resize(views);
-  sight.windows.resize(views);
-  sight.own_windows.resize(views);
+  VisibleCells visible;
+  visible.cells.resize(views);
+  visible.windows.resize(views);
+  visible.own_windows.resize(views);
   ParallelForEach(views, 1, [&](int64_t v) {
-    sight.own_windows[v] = needed[v].Bounds();
+    visible.own_windows[v] = needed[v].Bounds();
     std::sort(lands[v].begin(), lands[v].end());
     lands[v].erase(std::unique(lands[v].begin(), lands[v].end()), lands[v].end());
     ForCells(in_view[v], lands[v], [&](const CellPixels& landing) {
       needed[v].Add(Widened(landing.pixels, problem.target_margin_px, problem.views[v].rect));
     });
-    sight.windows[v] = needed[v].Bounds();
+    visible.windows[v] = needed[v].Bounds();
     for (const CellPixels& other : in_view[v]) {
-      if (needed[v].Meets(other.pixels)) sight.cells[v].push_back(other.cell);
+      if (needed[v].Meets(other.pixels)) visible.cells[v].push_back(other.cell);
     }
   });
-  return sight;
+  return visible;
 }
 
 }  // namespace tessera

@@ -98,7 +98,7 @@ TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
   const TriangleMesh& mesh = tiny.mesh;
   const CsrRows faces_of_vertex = FacesOfVertices(mesh);
   const CutOptions options = ShortReach();
-  const RegionDependencyRadius& reach = options.reach;
+  const RegionDependencyRadius& reach = options.radius;
   std::vector<AlignedBox3d> boxes(mesh.faces.size());
   for (size_t f = 0; f < boxes.size(); ++f) {
     for (const uint32_t v : mesh.faces[f]) boxes[f].extend(mesh.vertices[v]);
@@ -223,7 +223,7 @@ TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
       EXPECT_EQ(DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, cores[t], 1), 0);
       EXPECT_TRUE(std::includes(views.begin(), views.end(), cell.views.begin(), cell.views.end()));
     }
-    const VisibleSet sight = FindVisibleSet(survey, measured, cut.package.view_ids, options.sight);
+    const VisibleSet sight = FindVisibleSet(survey, measured, cut.package.view_ids, options.visible_set);
     std::set<std::array<int, 2>> in_sight;
     for (size_t c = 0; c < measured.size(); ++c) {
       if (sight.cells[c] || measured[c]) in_sight.insert({survey.cells[c].x, survey.cells[c].y});

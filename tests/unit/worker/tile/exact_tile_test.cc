@@ -25,7 +25,7 @@ VisibleSetOptions Bounds() {
 
 TilePackage Cut(const TinyCity& tiny, const CellRect& core, const VisibleSetOptions& sight) {
   CutOptions options;
-  options.sight = sight;
+  options.visible_set = sight;
   auto cut = CutTile(tiny.city, tiny.survey, {{0, core}, {core}}, options);
   EXPECT_TRUE(cut.ok()) << cut.status();
   return std::move(cut->package);

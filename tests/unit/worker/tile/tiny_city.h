@@ -108,11 +108,11 @@ inline std::vector<CutResult> CutAll(const TinyCity& tiny, const std::vector<Cel
 // Small dependency radii, so that not every tile contains the whole city.
 inline CutOptions ShortReach() {
   CutOptions options;
-  options.sight = {0.2, 3, 2, 1};
-  options.reach.solve_rings = 2;
-  options.reach.repair = {{1, 2}, 1};
-  options.reach.contact_m = 0.3;
-  options.reach.label = {1, 1, 1, 1};
+  options.visible_set = {0.2, 3, 2, 1};
+  options.radius.solve_rings = 2;
+  options.radius.repair = {{1, 2}, 1};
+  options.radius.contact_m = 0.3;
+  options.radius.label = {1, 1, 1, 1};
   return options;
 }
 
