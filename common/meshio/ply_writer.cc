@@ -60,12 +60,7 @@ class NewFile {
   void Fail() { status_ = FileError(errno, path_); }
 
   void Flush() {
-    size_t done = 0;
-    while (ok() && done < buffer_.size()) {
-      const ssize_t wrote = write(fd_, buffer_.data() + done, buffer_.size() - done);
-      if (wrote < 0 && errno != EINTR) Fail();
-      if (wrote > 0) done += static_cast<size_t>(wrote);
-    }
+    if (ok()) status_ = WriteAll(fd_, buffer_, path_);
     buffer_.clear();
   }
 
@@ -76,18 +71,12 @@ class NewFile {
 };
 
 Status CheckMesh(const TriangleMesh& mesh, const PlyWriteOptions& options) {
-  const size_t faces = mesh.faces.size();
-  if (!mesh.labels.empty() && mesh.labels.size() != faces) {
+  for (const auto& [values, what] :
+       {std::pair(mesh.labels.size(), "labels"), std::pair(options.face_confidence.size(), "confidences"),
+        std::pair(options.input_face.size(), "input faces")}) {
+    if (values == 0 || values == mesh.faces.size()) continue;
     return absl::InvalidArgumentError(
-        absl::StrCat("mesh has ", mesh.labels.size(), " labels, expected one per face: ", faces));
-  }
-  if (!options.face_confidence.empty() && options.face_confidence.size() != faces) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("mesh has ", options.face_confidence.size(), " confidences, expected one per face: ", faces));
-  }
-  if (!options.input_face.empty() && options.input_face.size() != faces) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("mesh has ", options.input_face.size(), " input faces, expected one per face: ", faces));
+        absl::StrCat("mesh has ", values, " ", what, ", expected one per face: ", mesh.faces.size()));
   }
   for (size_t v = 0; v < mesh.vertices.size(); ++v) {
     if (!mesh.vertices[v].allFinite()) {

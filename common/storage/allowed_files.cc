@@ -97,18 +97,7 @@ StatusOr<FileStamp> AllowedFile::Stamp() const {
 }
 
 StatusOr<std::string> AllowedFile::Read(int64_t offset_bytes, int64_t size_bytes) const {
-  std::string content(static_cast<size_t>(size_bytes), '\0');
-  size_t filled = 0;
-  while (filled < content.size()) {
-    const ssize_t got = ::pread(fd_, content.data() + filled, content.size() - filled,
-                                static_cast<off_t>(offset_bytes + static_cast<int64_t>(filled)));
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return FileError(errno, "cannot read " + real_path_);
-    if (got == 0) break;
-    filled += static_cast<size_t>(got);
-  }
-  content.resize(filled);
-  return content;
+  return ReadRange(fd_, real_path_, offset_bytes, size_bytes);
 }
 
 StatusOr<Digest> AllowedFile::Hash(const std::function<bool()>& cancelled) const {

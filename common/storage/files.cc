@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "absl/strings/cord.h"
+#include "absl/strings/escaping.h"
 #include "common/storage/temporary_name.h"
 
 namespace tessera {
@@ -22,8 +23,7 @@ namespace {
 constexpr char kFileErrorPayload[] = "tessera/errno";
 
 Status SystemError(const std::string& what, const std::string& path, int error) {
-  const std::string message = what + " " + path;
-  return FileError(error, message);
+  return FileError(error, what + " " + path);
 }
 
 // Closes the file on destruction.
@@ -45,19 +45,6 @@ class OpenFile {
   int error_;
 };
 
-Status WriteAll(int fd, const char* data, size_t size, const std::string& path) {
-  while (size > 0) {
-    const ssize_t written = ::write(fd, data, size);
-    if (written < 0) {
-      if (errno == EINTR) continue;
-      return SystemError("cannot write", path, errno);
-    }
-    data += written;
-    size -= static_cast<size_t>(written);
-  }
-  return absl::OkStatus();
-}
-
 std::string FolderOf(const std::string& path) {
   const std::string folder = fs::path(path).parent_path().string();
   return folder.empty() ? "." : folder;
@@ -66,15 +53,9 @@ std::string FolderOf(const std::string& path) {
 }  // namespace
 
 std::string UniqueName() {
-  unsigned char random[16];
+  char random[16];
   if (::getentropy(random, sizeof(random)) != 0) std::abort();  // fails only if the kernel has no random numbers
-  std::string name;
-  for (const unsigned char byte : random) {
-    constexpr char kDigits[] = "0123456789abcdef";
-    name += kDigits[byte >> 4];
-    name += kDigits[byte & 15];
-  }
-  return name;
+  return absl::BytesToHexString({random, sizeof(random)});
 }
 
 Status FileError(int error, const std::string& what) {
@@ -108,10 +89,14 @@ bool IsFileError(const Status& status) { return status.GetPayload(kFileErrorPayl
 StatusOr<std::string> ReadFileRange(const std::string& path, int64_t offset_bytes, int64_t size_bytes) {
   OpenFile file(path, O_RDONLY);
   if (!file.ok()) return SystemError("cannot open", path, file.error());
+  return ReadRange(file.fd(), path, offset_bytes, size_bytes);
+}
+
+StatusOr<std::string> ReadRange(int fd, const std::string& path, int64_t offset_bytes, int64_t size_bytes) {
   std::string content(static_cast<size_t>(size_bytes), '\0');
   size_t filled = 0;
   while (filled < content.size()) {
-    const ssize_t got = ::pread(file.fd(), content.data() + filled, content.size() - filled,
+    const ssize_t got = ::pread(fd, content.data() + filled, content.size() - filled,
                                 static_cast<off_t>(offset_bytes + static_cast<int64_t>(filled)));
     if (got < 0) {
       if (errno == EINTR) continue;
@@ -122,6 +107,15 @@ StatusOr<std::string> ReadFileRange(const std::string& path, int64_t offset_byte
   }
   content.resize(filled);
   return content;
+}
+
+Status WriteAll(int fd, std::string_view bytes, const std::string& what) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
+    if (written < 0 && errno != EINTR) return FileError(errno, what);
+    if (written > 0) bytes.remove_prefix(static_cast<size_t>(written));
+  }
+  return absl::OkStatus();
 }
 
 StatusOr<std::string> ReadFile(const std::string& path, int64_t max_bytes) {
@@ -152,7 +146,7 @@ Status WriteFileAtomic(const std::string& path, const std::string& content, mode
   {
     OpenFile file(temporary, O_WRONLY | O_CREAT | O_EXCL, mode);
     if (!file.ok()) return SystemError("cannot create", path, file.error());
-    status = WriteAll(file.fd(), content.data(), content.size(), path);
+    status = WriteAll(file.fd(), content, "cannot write " + path);
     if (status.ok() && ::fsync(file.fd()) != 0) status = SystemError("cannot sync", path, errno);
   }
   if (status.ok()) status = RenameDurably(temporary, path);
@@ -173,7 +167,7 @@ Status CopyFileDurably(const std::string& from, const std::string& to) {
       return SystemError("cannot read", from, errno);
     }
     if (got == 0) break;
-    TESSERA_RETURN_IF_ERROR(WriteAll(target.fd(), buffer.data(), static_cast<size_t>(got), to));
+    TESSERA_RETURN_IF_ERROR(WriteAll(target.fd(), {buffer.data(), static_cast<size_t>(got)}, "cannot write " + to));
   }
   if (::fsync(target.fd()) != 0) return SystemError("cannot sync", to, errno);
   return absl::OkStatus();

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "common/base/status.h"
@@ -24,6 +25,12 @@ StatusOr<std::string> ReadFile(const std::string& path, int64_t max_bytes = int6
 
 // Up to `size_bytes` bytes from `offset_bytes` on; fewer only at the end of the file.
 StatusOr<std::string> ReadFileRange(const std::string& path, int64_t offset_bytes, int64_t size_bytes);
+
+// The same from an open file; `path`: for errors.
+StatusOr<std::string> ReadRange(int fd, const std::string& path, int64_t offset_bytes, int64_t size_bytes);
+
+// Writes all bytes at the position of an open file. `what`: the beginning of the error's message.
+Status WriteAll(int fd, std::string_view bytes, const std::string& what);
 
 // Replaces the file atomically: after a crash it has either the old or the new content. `mode`: permissions, before the
 // umask.

@@ -5,14 +5,13 @@
 #include <xxhash.h>
 
 #include <array>
-#include <cinttypes>
-#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <new>
 #include <vector>
 
 #include "absl/strings/escaping.h"
+#include "absl/strings/str_format.h"
 
 namespace tessera {
 namespace {
@@ -36,30 +35,21 @@ bool IsSha256Hex(const std::string& text) {
 
 }  // namespace
 
-struct Sha256Hasher::Impl {
-  EVP_MD_CTX* context = EVP_MD_CTX_new();
-  Impl() {
-    // Fetch once: a fetch takes longer than hashing a task's key.
-    static const EVP_MD* const sha256 = EVP_MD_fetch(nullptr, "SHA256", nullptr);
-    // Fails only if memory is exhausted or OpenSSL is broken.
-    if (context == nullptr || EVP_DigestInit_ex(context, sha256, nullptr) != 1) std::abort();
-  }
-  ~Impl() { EVP_MD_CTX_free(context); }
-  Impl(const Impl&) = delete;
-  Impl& operator=(const Impl&) = delete;
-};
+Sha256Hasher::Sha256Hasher() : context_(EVP_MD_CTX_new()) {
+  // Fetch once: a fetch takes longer than hashing a task's key.
+  static const EVP_MD* const sha256 = EVP_MD_fetch(nullptr, "SHA256", nullptr);
+  // Fails only if memory is exhausted or OpenSSL is broken.
+  if (context_ == nullptr || EVP_DigestInit_ex(context_.get(), sha256, nullptr) != 1) std::abort();
+}
 
-Sha256Hasher::Sha256Hasher() : impl_(std::make_unique<Impl>()) {}
-Sha256Hasher::~Sha256Hasher() = default;
-Sha256Hasher::Sha256Hasher(Sha256Hasher&&) noexcept = default;
-Sha256Hasher& Sha256Hasher::operator=(Sha256Hasher&&) noexcept = default;
+void Sha256Hasher::Free::operator()(EVP_MD_CTX* context) const { EVP_MD_CTX_free(context); }
 
-void Sha256Hasher::Update(const void* data, size_t size) { EVP_DigestUpdate(impl_->context, data, size); }
+void Sha256Hasher::Update(const void* data, size_t size) { EVP_DigestUpdate(context_.get(), data, size); }
 
 std::string Sha256Hasher::Finish() {
   unsigned char digest[EVP_MAX_MD_SIZE];
   unsigned int size = 0;
-  EVP_DigestFinal_ex(impl_->context, digest, &size);
+  EVP_DigestFinal_ex(context_.get(), digest, &size);
   return absl::BytesToHexString({reinterpret_cast<const char*>(digest), size});
 }
 
@@ -108,28 +98,16 @@ uint64_t Xxh3(const void* data, size_t size) { return XXH3_64bits(data, size); }
 
 std::string Xxh3Hex(const void* data, size_t size) {
   const XXH128_hash_t hash = XXH3_128bits(data, size);
-  char text[33];
-  std::snprintf(text, sizeof(text), "%016" PRIx64 "%016" PRIx64, static_cast<uint64_t>(hash.high64),
-                static_cast<uint64_t>(hash.low64));
-  return text;
+  return absl::StrFormat("%016x%016x", hash.high64, hash.low64);
 }
 
-struct Xxh3Hasher::Impl {
-  XXH3_state_t* state = XXH3_createState();
-  Impl() {
-    if (state == nullptr) throw std::bad_alloc();
-    XXH3_64bits_reset(state);
-  }
-  ~Impl() { XXH3_freeState(state); }
-  Impl(const Impl&) = delete;
-  Impl& operator=(const Impl&) = delete;
-};
+Xxh3Hasher::Xxh3Hasher() : state_(XXH3_createState()) {
+  if (state_ == nullptr) throw std::bad_alloc();
+  XXH3_64bits_reset(state_.get());
+}
 
-Xxh3Hasher::Xxh3Hasher() : impl_(std::make_unique<Impl>()) {}
-Xxh3Hasher::~Xxh3Hasher() = default;
-Xxh3Hasher::Xxh3Hasher(Xxh3Hasher&&) noexcept = default;
-Xxh3Hasher& Xxh3Hasher::operator=(Xxh3Hasher&&) noexcept = default;
-void Xxh3Hasher::Update(const void* data, size_t size) { XXH3_64bits_update(impl_->state, data, size); }
-uint64_t Xxh3Hasher::Digest() const { return XXH3_64bits_digest(impl_->state); }
+void Xxh3Hasher::Free::operator()(XXH3_state_t* state) const { XXH3_freeState(state); }
+void Xxh3Hasher::Update(const void* data, size_t size) { XXH3_64bits_update(state_.get(), data, size); }
+uint64_t Xxh3Hasher::Digest() const { return XXH3_64bits_digest(state_.get()); }
 
 }  // namespace tessera

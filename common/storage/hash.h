@@ -11,6 +11,9 @@
 
 #include "common/base/status.h"
 
+struct evp_md_ctx_st;  // of OpenSSL
+struct XXH3_state_s;
+
 namespace tessera {
 
 // Name of a blob.
@@ -48,17 +51,16 @@ class Sha256 {
 class Sha256Hasher {
  public:
   Sha256Hasher();
-  ~Sha256Hasher();
-  Sha256Hasher(Sha256Hasher&&) noexcept;
-  Sha256Hasher& operator=(Sha256Hasher&&) noexcept;
   void Update(const void* data, size_t size);
   void Update(const std::string& bytes) { Update(bytes.data(), bytes.size()); }
   // SHA-256 of all bytes, in hex. No call may follow.
   std::string Finish();
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  struct Free {
+    void operator()(evp_md_ctx_st* context) const;
+  };
+  std::unique_ptr<evp_md_ctx_st, Free> context_;
 };
 
 // SHA-256 in lower-case hex.
@@ -82,15 +84,14 @@ std::string Xxh3Hex(const void* data, size_t size);
 class Xxh3Hasher {
  public:
   Xxh3Hasher();
-  ~Xxh3Hasher();
-  Xxh3Hasher(Xxh3Hasher&&) noexcept;
-  Xxh3Hasher& operator=(Xxh3Hasher&&) noexcept;
   void Update(const void* data, size_t size);
   uint64_t Digest() const;  // of all bytes so far
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  struct Free {
+    void operator()(XXH3_state_s* state) const;
+  };
+  std::unique_ptr<XXH3_state_s, Free> state_;
 };
 
 }  // namespace tessera

@@ -16,11 +16,12 @@ namespace {
 
 constexpr size_t kBufferBytes = size_t{1} << 18;
 
-// Descriptor of a new, unnamed file in `folder`, or -1 with errno.
-int OpenNameless(const std::string& folder) {
+// Descriptor of a new, unnamed file in `folder`.
+StatusOr<int> OpenNameless(const std::string& folder) {
   std::string path = absl::StrCat(folder, "/scratch-XXXXXX");
   const int fd = mkostemp(path.data(), O_CLOEXEC);
-  if (fd >= 0) unlink(path.c_str());
+  if (fd < 0) return FileError(errno, absl::StrCat("cannot create a scratch file in ", folder));
+  unlink(path.c_str());
   return fd;
 }
 
@@ -55,8 +56,7 @@ StatusOr<MappedFile> MappedFile::Open(const std::string& path) {
 }
 
 StatusOr<MappedFile> MappedFile::Scratch(const std::string& folder, size_t size_bytes) {
-  const int fd = OpenNameless(folder);
-  if (fd < 0) return FileError(errno, absl::StrCat("cannot create a scratch file in ", folder));
+  TESSERA_ASSIGN_OR_RETURN(const int fd, OpenNameless(folder));
   // Reserve the space now: on a full disk, the first write to a page would end the process (SIGBUS).
   const int error = size_bytes > 0 ? posix_fallocate(fd, 0, static_cast<off_t>(size_bytes)) : 0;
   StatusOr<MappedFile> file =
@@ -76,8 +76,7 @@ ScratchBytes::ScratchBytes(int fd, std::string folder) : fd_(fd), folder_(std::m
 }
 
 StatusOr<std::unique_ptr<ScratchBytes>> ScratchBytes::Create(const std::string& folder) {
-  const int fd = OpenNameless(folder);
-  if (fd < 0) return FileError(errno, absl::StrCat("cannot create a scratch file in ", folder));
+  TESSERA_ASSIGN_OR_RETURN(const int fd, OpenNameless(folder));
   return std::unique_ptr<ScratchBytes>(new ScratchBytes(fd, folder));
 }
 
@@ -92,12 +91,7 @@ void ScratchBytes::Append(const void* data, size_t size_bytes) {
 }
 
 void ScratchBytes::Flush() {
-  size_t done = 0;
-  while (status_.ok() && done < buffer_.size()) {
-    const ssize_t wrote = write(fd_, buffer_.data() + done, buffer_.size() - done);
-    if (wrote < 0 && errno != EINTR) status_ = FileError(errno, absl::StrCat("scratch file in ", folder_));
-    if (wrote > 0) done += static_cast<size_t>(wrote);
-  }
+  if (status_.ok()) status_ = WriteAll(fd_, buffer_, absl::StrCat("scratch file in ", folder_));
   buffer_.clear();
 }
 
