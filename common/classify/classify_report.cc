@@ -35,15 +35,14 @@ std::string ConfusionTable(const ConfusionMatrix& confusion, const std::vector<S
   return text;
 }
 
-OrderedJson Number(double value) { return std::isfinite(value) ? OrderedJson(value) : OrderedJson(); }
-
+// The JSON library writes NaN as null.
 OrderedJson EvidenceJson(const ClassifyReport& report, size_t e) {
   const ConfusionMatrix& confusion = report.classified->held_out[e];
   const HeldOutStatistics& figures = report.trained->held_out[e];
   const LabelScores scores = ScoreLabels(confusion);
-  OrderedJson json = {{"overall_accuracy", Number(scores.overall_accuracy)},
-                      {"average_accuracy", Number(scores.average_accuracy)},
-                      {"mean_iou", Number(scores.mean_iou)},
+  OrderedJson json = {{"overall_accuracy", scores.overall_accuracy},
+                      {"average_accuracy", scores.average_accuracy},
+                      {"mean_iou", scores.mean_iou},
                       {"temperature", figures.temperature},
                       {"log_loss", {{"raw", figures.log_loss_before}, {"calibrated", figures.log_loss_after}}},
                       {"calibration_error",

@@ -228,8 +228,6 @@ ImageFeatures::ImageFeatures(const ByteImage& rgb, const SceneView& view, const 
 }
 
 ImageFeatures::~ImageFeatures() = default;
-ImageFeatures::ImageFeatures(ImageFeatures&&) noexcept = default;
-ImageFeatures& ImageFeatures::operator=(ImageFeatures&&) noexcept = default;
 
 int ImageFeatures::width() const { return planes_->channels.cols; }
 int ImageFeatures::height() const { return planes_->channels.rows; }

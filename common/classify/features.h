@@ -24,8 +24,6 @@ class ImageFeatures {
   // in the world frame of view.camera.
   ImageFeatures(const ByteImage& rgb, const SceneView& view, const Eigen::Vector3d& up, const MeshSurface* surface);
   ~ImageFeatures();
-  ImageFeatures(ImageFeatures&&) noexcept;
-  ImageFeatures& operator=(ImageFeatures&&) noexcept;
 
   int width() const;
   int height() const;

@@ -121,44 +121,41 @@ void AddConfusion(Table* table, const std::string& name, const ConfusionMatrix& 
   }
 }
 
-Json Value(double value) { return std::isnan(value) ? Json(nullptr) : Json(value); }
+// Figures that could not be measured are NaN, which the JSON library writes as null.
 
 Json ToJson(const DistanceStatistics& s) {
   return {{"points", s.points},
-          {"mean_m", Value(s.mean_m)},
-          {"capped_mean_m", Value(s.capped_mean_m)},
-          {"median_m", Value(s.median_m)},
-          {"percentile90_m", Value(s.percentile90_m)},
-          {"normal_consistency", Value(s.normal_consistency)}};
+          {"mean_m", s.mean_m},
+          {"capped_mean_m", s.capped_mean_m},
+          {"median_m", s.median_m},
+          {"percentile90_m", s.percentile90_m},
+          {"normal_consistency", s.normal_consistency}};
 }
 
 Json ToJson(const SurfaceScores& s) {
   Json f_scores = Json::array();
   for (const FScore& f : s.f_scores) {
-    f_scores.push_back({{"distance_m", f.distance_m},
-                        {"precision", Value(f.precision)},
-                        {"recall", Value(f.recall)},
-                        {"f", Value(f.f)}});
+    f_scores.push_back({{"distance_m", f.distance_m}, {"precision", f.precision}, {"recall", f.recall}, {"f", f.f}});
   }
   return {{"accuracy", ToJson(s.accuracy)},
           {"completeness", ToJson(s.completeness)},
           {"f_scores", f_scores},
-          {"normal_consistency", Value(s.normal_consistency)}};
+          {"normal_consistency", s.normal_consistency}};
 }
 
 Json ToJson(const LabelEvaluation& labels, const std::vector<std::string>& classes) {
   Json by_class = Json::object(), matrix = Json::array();
   for (int t = 0; t < labels.confusion.classes(); ++t) {
     const ClassLabelScore& s = labels.scores.classes[t];
-    by_class[classes[t]] = {{"recall", Value(s.recall)}, {"precision", Value(s.precision)}, {"iou", Value(s.iou)}};
+    by_class[classes[t]] = {{"recall", s.recall}, {"precision", s.precision}, {"iou", s.iou}};
     Json row = Json::array();
     for (int r = 0; r <= labels.confusion.classes(); ++r) row.push_back(labels.confusion.at(t, r));
     matrix.push_back(row);
   }
   return {{"counted", labels.scores.counted},
-          {"overall_accuracy", Value(labels.scores.overall_accuracy)},
-          {"average_accuracy", Value(labels.scores.average_accuracy)},
-          {"mean_iou", Value(labels.scores.mean_iou)},
+          {"overall_accuracy", labels.scores.overall_accuracy},
+          {"average_accuracy", labels.scores.average_accuracy},
+          {"mean_iou", labels.scores.mean_iou},
           {"by_class", by_class},
           {"confusion_truth_by_result_and_nothing", matrix}};
 }
@@ -173,9 +170,9 @@ Json ToJson(const Evaluation& e, const std::vector<std::string>& classes) {
   if (e.labels_by_pixels) {
     Json pixels = ToJson(*e.labels_by_pixels, classes);
     pixels["views"] = e.labels_by_pixels->views;
-    pixels["boundary_f"] = Value(e.labels_by_pixels->boundary_f);
+    pixels["boundary_f"] = e.labels_by_pixels->boundary_f;
     for (size_t c = 0; c < classes.size(); ++c) {
-      pixels["boundary_f_by_class"][classes[c]] = Value(BoundaryF(e.labels_by_pixels->boundaries[c]));
+      pixels["boundary_f_by_class"][classes[c]] = BoundaryF(e.labels_by_pixels->boundaries[c]);
     }
     json["labels_by_pixels"] = pixels;
   }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "common/evaluate/evaluator.h"
+#include "common/evaluate/likelihood_scores.h"
 
 namespace tessera {
 
@@ -23,16 +24,9 @@ std::string EvaluationTable(const std::vector<NamedEvaluation>& evaluations, con
 std::string EvaluationJson(const std::vector<NamedEvaluation>& evaluations, const std::vector<std::string>& classes,
                            const EvaluationOptions& options);
 
-// Confusion of a view's likeliest classes, and of a mesh's labels over the same pixels (empty: no mesh).
-struct NamedConfusion {
-  std::string name;
-  ConfusionMatrix confusion;
-  ConfusionMatrix mesh;
-};
-
 // Overall accuracy, average accuracy and mean IoU of each view and of all views; recall, precision and IoU of each
 // class over all views; the same for the mesh's labels.
-std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
-std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
+std::string LikelihoodTable(const std::vector<LikelihoodConfusion>& views, const std::vector<std::string>& classes);
+std::string LikelihoodJson(const std::vector<LikelihoodConfusion>& views, const std::vector<std::string>& classes);
 
 }  // namespace tessera

@@ -30,26 +30,19 @@ Status CheckLabels(const TriangleMesh& mesh, int classes, const std::string& wha
 // The truth's bounding box in the horizontal plane, shrunk by `rim_m` on each side.
 struct HorizontalBox {
   Eigen::Matrix3d level_from_local = Eigen::Matrix3d::Identity();
-  Eigen::Vector2d low, high;
+  Eigen::AlignedBox2d box;
 
   HorizontalBox(const TriangleMesh& mesh, const Eigen::Vector3d& up, double rim_m) {
     level_from_local = Eigen::Quaterniond::FromTwoVectors(up, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-    low.setConstant(std::numeric_limits<double>::infinity());
-    high = -low;
     for (const Triangle& face : mesh.faces) {
-      for (uint32_t v : face) {
-        const Eigen::Vector2d p = (level_from_local * mesh.vertices[v]).head<2>();
-        low = low.cwiseMin(p);
-        high = high.cwiseMax(p);
-      }
+      for (uint32_t v : face) box.extend(Eigen::Vector2d((level_from_local * mesh.vertices[v]).head<2>()));
     }
-    low.array() += rim_m;
-    high.array() -= rim_m;
+    box.min().array() += rim_m;
+    box.max().array() -= rim_m;
   }
 
   bool Contains(const Eigen::Vector3d& point) const {
-    const Eigen::Vector2d p = (level_from_local * point).head<2>();
-    return (p.array() >= low.array()).all() && (p.array() <= high.array()).all();
+    return box.contains(Eigen::Vector2d((level_from_local * point).head<2>()));
   }
 };
 

@@ -1,7 +1,6 @@
 // Evaluation of likelihoods against true labels, as table and JSON.
 #include <absl/strings/str_format.h>
 
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "common/evaluate/evaluation_report.h"
@@ -9,10 +8,10 @@
 namespace tessera {
 namespace {
 
-ConfusionMatrix Sum(const std::vector<NamedConfusion>& views, size_t classes,
-                    ConfusionMatrix NamedConfusion::*of = &NamedConfusion::confusion) {
+ConfusionMatrix Sum(const std::vector<LikelihoodConfusion>& views, size_t classes,
+                    ConfusionMatrix LikelihoodConfusion::*of = &LikelihoodConfusion::likelihoods) {
   ConfusionMatrix all(static_cast<int>(classes));
-  for (const NamedConfusion& view : views) {
+  for (const LikelihoodConfusion& view : views) {
     if ((view.*of).classes() > 0) all.Add(view.*of);
   }
   return all;
@@ -26,19 +25,18 @@ std::string ScoreRow(const std::string& name, const ConfusionMatrix& confusion) 
 
 nlohmann::ordered_json ScoresOf(const ConfusionMatrix& confusion) {
   const LabelScores s = ScoreLabels(confusion);
-  const auto number = [](double v) { return std::isfinite(v) ? nlohmann::ordered_json(v) : nlohmann::ordered_json(); };
   return {{"pixels", s.counted},
-          {"overall_accuracy", number(s.overall_accuracy)},
-          {"average_accuracy", number(s.average_accuracy)},
-          {"mean_iou", number(s.mean_iou)}};
+          {"overall_accuracy", s.overall_accuracy},
+          {"average_accuracy", s.average_accuracy},
+          {"mean_iou", s.mean_iou}};
 }
 
 }  // namespace
 
-std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes) {
+std::string LikelihoodTable(const std::vector<LikelihoodConfusion>& views, const std::vector<std::string>& classes) {
   std::string text =
       absl::StrFormat("%-34s %12s %8s %8s %8s\n", "likeliest class of pixels", "pixels", "OA", "AA", "mIoU");
-  for (const NamedConfusion& view : views) text += ScoreRow("  " + view.name, view.confusion);
+  for (const LikelihoodConfusion& view : views) text += ScoreRow("  " + view.view, view.likelihoods);
   const auto add = [&](const std::string& name, const ConfusionMatrix& all) {
     text += ScoreRow(name, all);
     const LabelScores scores = ScoreLabels(all);
@@ -48,12 +46,12 @@ std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std:
     }
   };
   add("all", Sum(views, classes.size()));
-  const ConfusionMatrix mesh = Sum(views, classes.size(), &NamedConfusion::mesh);
+  const ConfusionMatrix mesh = Sum(views, classes.size(), &LikelihoodConfusion::mesh);
   if (mesh.total() > 0) add("all: the mesh's labels there", mesh);
   return text;
 }
 
-std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes) {
+std::string LikelihoodJson(const std::vector<LikelihoodConfusion>& views, const std::vector<std::string>& classes) {
   const ConfusionMatrix all = Sum(views, classes.size());
   nlohmann::ordered_json json = {{"classes", classes}, {"all", ScoresOf(all)}};
   for (int t = 0; t < all.classes(); ++t) {
@@ -61,9 +59,9 @@ std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::
     for (int r = 0; r < all.classes(); ++r) row.push_back(all.at(t, r));
     json["confusion"].push_back(std::move(row));
   }
-  const ConfusionMatrix mesh = Sum(views, classes.size(), &NamedConfusion::mesh);
+  const ConfusionMatrix mesh = Sum(views, classes.size(), &LikelihoodConfusion::mesh);
   if (mesh.total() > 0) json["mesh"] = ScoresOf(mesh);
-  for (const NamedConfusion& view : views) json["views"][view.name] = ScoresOf(view.confusion);
+  for (const LikelihoodConfusion& view : views) json["views"][view.view] = ScoresOf(view.likelihoods);
   return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 

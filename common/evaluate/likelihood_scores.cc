@@ -9,13 +9,13 @@
 namespace tessera {
 namespace {
 
-StatusOr<LikelihoodConfusion> ConfuseView(size_t view, const LensModel& lens, int classes,
+StatusOr<LikelihoodConfusion> ConfuseView(const std::vector<SceneView>& views, size_t view, int classes,
                                           const TruthLabelSource& truth, const LikelihoodSource& likelihoods,
                                           const LabelRendering& rendering) {
-  LikelihoodConfusion confusion{ConfusionMatrix(classes), ConfusionMatrix(classes)};
+  LikelihoodConfusion confusion{views[view].name, ConfusionMatrix(classes), ConfusionMatrix(classes)};
   TESSERA_ASSIGN_OR_RETURN(const LabelImage stored, truth(view));
   if (stored.empty()) return confusion;
-  const LabelImage labels = UndistortLabels(stored, lens);
+  const LabelImage labels = UndistortLabels(stored, views[view].lens);
   TESSERA_ASSIGN_OR_RETURN(const FloatImage values, likelihoods(view));
   const LabelImage rendered = rendering ? rendering(view) : LabelImage();
   for (int y = 0; y < labels.height; ++y) {
@@ -36,17 +36,17 @@ StatusOr<LikelihoodConfusion> ConfuseView(size_t view, const LensModel& lens, in
 
 }  // namespace
 
-StatusOr<std::vector<LikelihoodConfusion>> ConfuseLikelihoods(const std::vector<LensModel>& lenses, int classes,
+StatusOr<std::vector<LikelihoodConfusion>> ConfuseLikelihoods(const std::vector<SceneView>& views, int classes,
                                                               const TruthLabelSource& truth,
                                                               const LikelihoodSource& likelihoods,
                                                               const LabelRendering& rendering) {
-  std::vector<StatusOr<LikelihoodConfusion>> found(lenses.size(), absl::InternalError("not compared"));
-  ParallelForEach(lenses.size(), 1,
-                  [&](size_t v) { found[v] = ConfuseView(v, lenses[v], classes, truth, likelihoods, rendering); });
+  std::vector<StatusOr<LikelihoodConfusion>> found(views.size(), absl::InternalError("not compared"));
+  ParallelForEach(views.size(), 1,
+                  [&](size_t v) { found[v] = ConfuseView(views, v, classes, truth, likelihoods, rendering); });
   std::vector<LikelihoodConfusion> confusions;
   for (StatusOr<LikelihoodConfusion>& confusion : found) {
     TESSERA_RETURN_IF_ERROR(confusion.status());
-    confusions.push_back(*std::move(confusion));
+    if (confusion->likelihoods.total() > 0) confusions.push_back(*std::move(confusion));
   }
   return confusions;
 }

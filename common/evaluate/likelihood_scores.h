@@ -2,13 +2,14 @@
 #pragma once
 
 #include <functional>
+#include <string>
 #include <vector>
 
 #include "common/base/status.h"
 #include "common/evaluate/confusion.h"
 #include "common/evaluate/evaluator.h"
-#include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
+#include "common/scene/scene.h"
 
 namespace tessera {
 
@@ -19,14 +20,15 @@ using LikelihoodSource = std::function<StatusOr<FloatImage>(size_t view)>;
 using LabelRendering = std::function<LabelImage(size_t view)>;
 
 struct LikelihoodConfusion {
-  ConfusionMatrix likelihoods;
-  ConfusionMatrix mesh;  // over the same pixels
+  std::string view;             // name
+  ConfusionMatrix likelihoods;  // of the likeliest classes
+  ConfusionMatrix mesh;         // of the rendered labels, over the same pixels; empty: none
 };
 
-// Confusion matrices of each view's likeliest classes (the first of equal ones) against its truth, over the pixels of
-// the undistorted image; empty if the view has no truth. With `rendering`, pixels that it sets to 255 are skipped, and
-// its labels are compared too. Sources are called from any thread, at most once per view.
-StatusOr<std::vector<LikelihoodConfusion>> ConfuseLikelihoods(const std::vector<LensModel>& lenses, int classes,
+// Confusion matrices of the views' likeliest classes (the first of equal ones) against their truth, over the pixels of
+// the undistorted image, without views of which no pixel is compared. With `rendering`, pixels that it sets to 255 are
+// skipped, and its labels are compared too. Sources are called from any thread, at most once per view.
+StatusOr<std::vector<LikelihoodConfusion>> ConfuseLikelihoods(const std::vector<SceneView>& views, int classes,
                                                               const TruthLabelSource& truth,
                                                               const LikelihoodSource& likelihoods,
                                                               const LabelRendering& rendering = nullptr);

@@ -118,6 +118,19 @@ StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std:
   return image;
 }
 
+// An 8-bit image of 1, 3 (BGR) or 4 (BGRA) channels, as planes in the order red, green, blue, alpha.
+ByteImage PlanesOf(const cv::Mat& mat) {
+  const int channels = mat.channels();
+  ByteImage image(mat.cols, mat.rows, channels);
+  for (int y = 0; y < mat.rows; ++y) {
+    const uint8_t* row = mat.ptr<uint8_t>(y);
+    for (int x = 0; x < mat.cols; ++x) {
+      for (int c = 0; c < channels; ++c) image.at(x, y, c) = row[channels * x + (channels > 1 && c < 3 ? 2 - c : c)];
+    }
+  }
+  return image;
+}
+
 Status EncodeAndReplace(const std::string& path, const ByteImage& image, const std::string& extension,
                         const std::vector<int>& parameters) {
   if (image.empty() || (image.channels != 1 && image.channels != 3)) {
@@ -201,14 +214,7 @@ StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& len
 StatusOr<ByteImage> ReadRgb(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
   TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_COLOR));
-  ByteImage image(mat.cols, mat.rows, 3);
-  for (int y = 0; y < mat.rows; ++y) {
-    const uint8_t* row = mat.ptr<uint8_t>(y);
-    for (int x = 0; x < mat.cols; ++x) {
-      for (int c = 0; c < 3; ++c) image.at(x, y, c) = row[3 * x + 2 - c];
-    }
-  }
-  return image;
+  return PlanesOf(mat);
 }
 
 StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
@@ -219,11 +225,7 @@ StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
     return InputError(path, "", absl::StrCat(mat.channels(), " channels of ", 8 * mat.elemSize1(), " bits"),
                       "one channel of 8 bits (class ids)");
   }
-  LabelImage image(mat.cols, mat.rows);
-  for (int y = 0; y < mat.rows; ++y) {
-    std::memcpy(image.data.data() + static_cast<size_t>(y) * image.width, mat.ptr<uint8_t>(y), image.width);
-  }
-  return image;
+  return PlanesOf(mat);
 }
 
 StatusOr<ByteImage> ReadPng(const std::string& path) {
@@ -235,14 +237,7 @@ StatusOr<ByteImage> ReadPng(const std::string& path) {
     return InputError(path, "", absl::StrCat(channels, " channels of ", 8 * mat.elemSize1(), " bits"),
                       "1, 3 or 4 channels of 8 bits");
   }
-  ByteImage image(mat.cols, mat.rows, channels);
-  for (int y = 0; y < mat.rows; ++y) {
-    const uint8_t* row = mat.ptr<uint8_t>(y);
-    for (int x = 0; x < mat.cols; ++x) {
-      for (int c = 0; c < channels; ++c) image.at(x, y, c) = row[channels * x + (channels > 1 && c < 3 ? 2 - c : c)];
-    }
-  }
-  return image;
+  return PlanesOf(mat);
 }
 
 Status WritePng(const std::string& path, const ByteImage& image) { return EncodeAndReplace(path, image, ".png", {}); }

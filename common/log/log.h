@@ -15,6 +15,7 @@
 
 namespace tessera {
 
+// In the order of spdlog's levels.
 enum class LogLevel { kDebug, kInfo, kWarning, kError };
 
 using LogFields = std::vector<std::pair<std::string, std::string>>;

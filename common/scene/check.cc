@@ -1,5 +1,6 @@
 #include "common/scene/check.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -172,14 +173,12 @@ class SceneChecker {
     const Eigen::Vector3d axes[3] = {std::abs(scene_.up_in_local.z()) > 0.999999 ? Eigen::Vector3d::UnitX() : east,
                                      std::abs(scene_.up_in_local.z()) > 0.999999 ? Eigen::Vector3d::UnitY() : north,
                                      scene_.up_in_local};
-    Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+    Eigen::AlignedBox3d box;
     for (const Eigen::Vector3d& p : mesh.vertices) {
-      const Eigen::Vector3d q(axes[0].dot(p), axes[1].dot(p), axes[2].dot(p));
-      low = low.cwiseMin(q);
-      high = high.cwiseMax(q);
+      box.extend(Eigen::Vector3d(axes[0].dot(p), axes[1].dot(p), axes[2].dot(p)));
     }
-    summary_.extent_m2 = (high.x() - low.x()) * (high.y() - low.y());
-    const Eigen::Vector3d centre = (low + high) / 2;
+    summary_.extent_m2 = box.sizes().x() * box.sizes().y();
+    const Eigen::Vector3d centre = box.center();
     const StatusOr<Eigen::Vector3d> geodetic =
         scene_.frame.GeodeticFromLocal(axes[0] * centre.x() + axes[1] * centre.y() + axes[2] * centre.z());
     if (geodetic.ok()) {

@@ -126,8 +126,6 @@ class MeshInViews {
 Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescription& scene,
                            const TruthLabelSource& truth_labels) {
   const int classes = static_cast<int>(scene.classes.size());
-  std::vector<LensModel> lenses;
-  for (const SceneView& view : scene.views) lenses.push_back(view.lens);
   const LikelihoodSource likelihoods = [&](size_t view) -> StatusOr<FloatImage> {
     TESSERA_ASSIGN_OR_RETURN(const std::string path, LikelihoodPath(arguments.likelihoods, scene.views[view]));
     return ReadLikelihoods(path, classes, scene.views[view].lens);
@@ -141,20 +139,14 @@ Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescri
     rendering = [&](size_t view) { return mesh_in_views->Rendered(view); };
   }
   TESSERA_ASSIGN_OR_RETURN(const std::vector<LikelihoodConfusion> confusions,
-                           ConfuseLikelihoods(lenses, classes, truth_labels, likelihoods, rendering));
-  std::vector<NamedConfusion> named;
-  for (size_t v = 0; v < confusions.size(); ++v) {
-    if (confusions[v].likelihoods.total() > 0) {
-      named.push_back({scene.views[v].name, confusions[v].likelihoods, confusions[v].mesh});
-    }
-  }
-  if (named.empty()) {
+                           ConfuseLikelihoods(scene.views, classes, truth_labels, likelihoods, rendering));
+  if (confusions.empty()) {
     return InputError(arguments.truth, "", "no IMAGE_label.png of any evaluated view",
                       "true labels of at least one image");
   }
-  std::cout << LikelihoodTable(named, ClassNames(scene)) << std::flush;
+  std::cout << LikelihoodTable(confusions, ClassNames(scene)) << std::flush;
   if (arguments.json.empty()) return absl::OkStatus();
-  return WriteOutput(arguments.json, LikelihoodJson(named, ClassNames(scene)));
+  return WriteOutput(arguments.json, LikelihoodJson(confusions, ClassNames(scene)));
 }
 
 Status Evaluate(EvaluateArguments arguments) {
