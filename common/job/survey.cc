@@ -38,102 +38,6 @@ Eigen::Matrix3d MatrixFromJson(const json& j) {
   return m;
 }
 
-json PinholeToJson(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
-
-PinholeCamera PinholeFromJson(const json& j) { return {j.at(0), j.at(1), j.at(2), j.at(3), j.at(4), j.at(5)}; }
-
-json ViewToJson(const SceneView& view) {
-  return {{"name", view.name},
-          {"image", view.image_path},
-          {"likelihood", view.likelihood_path},
-          {"flight", view.flight},
-          {"image_content", view.image_content},
-          {"likelihood_content", view.likelihood_content},
-          {"withdrawn", view.withdrawn},
-          {"lens",
-           {{"kind", static_cast<int>(view.lens.kind)},
-            {"pinhole", PinholeToJson(view.lens.pinhole)},
-            {"coefficients", view.lens.coefficients}}},
-          {"intrinsics", PinholeToJson(view.camera.intrinsics)},
-          {"rotation_cam_from_local", MatrixToJson(view.camera.rotation_cam_from_world)},
-          {"translation_cam_from_local", VectorToJson(view.camera.translation_cam_from_world)}};
-}
-
-SceneView ViewFromJson(const json& j) {
-  SceneView view;
-  view.name = j.at("name");
-  view.image_path = j.at("image");
-  view.likelihood_path = j.at("likelihood");
-  view.flight = j.at("flight");
-  view.image_content = j.at("image_content");
-  view.likelihood_content = j.at("likelihood_content");
-  view.withdrawn = j.at("withdrawn");
-  const json& lens = j.at("lens");
-  view.lens.kind = static_cast<LensModel::Kind>(lens.at("kind").get<int>());
-  view.lens.pinhole = PinholeFromJson(lens.at("pinhole"));
-  for (size_t k = 0; k < std::size(view.lens.coefficients); ++k) {
-    view.lens.coefficients[k] = lens.at("coefficients").at(k);
-  }
-  view.camera.intrinsics = PinholeFromJson(j.at("intrinsics"));
-  view.camera.rotation_cam_from_world = MatrixFromJson(j.at("rotation_cam_from_local"));
-  view.camera.translation_cam_from_world = VectorFromJson(j.at("translation_cam_from_local"));
-  return view;
-}
-
-json CrsToJson(const Crs& crs) {
-  return {{"kind", static_cast<int>(crs.kind)}, {"lat_rad", crs.lat_rad}, {"lon_rad", crs.lon_rad},
-          {"height_m", crs.height_m},           {"zone", crs.zone},       {"north", crs.north}};
-}
-
-Crs CrsFromJson(const json& j) {
-  return {static_cast<Crs::Kind>(j.at("kind").get<int>()),
-          j.at("lat_rad"),
-          j.at("lon_rad"),
-          j.at("height_m"),
-          j.at("zone"),
-          j.at("north")};
-}
-
-json ViewArray(const std::vector<SceneView>& views) {
-  json out = json::array();
-  for (const SceneView& view : views) out.push_back(ViewToJson(view));
-  return out;
-}
-
-std::vector<SceneView> ViewsFromArray(const json& j) {
-  std::vector<SceneView> views;
-  for (const json& view : j) views.push_back(ViewFromJson(view));
-  return views;
-}
-
-json ClassArray(const std::vector<SceneClass>& classes) {
-  json out = json::array();
-  for (const SceneClass& c : classes) {
-    out.push_back({{"name", c.name},
-                   {"color_rgb", c.color_rgb},
-                   {"prior_alpha_rad", c.prior_alpha_rad},
-                   {"prior_beta_rad", c.prior_beta_rad},
-                   {"smoothness", c.smoothness},
-                   {"keep", c.anchor_weight}});
-  }
-  return out;
-}
-
-std::vector<SceneClass> ClassesFromArray(const json& j) {
-  std::vector<SceneClass> classes;
-  for (const json& item : j) {
-    SceneClass c;
-    c.name = item.at("name");
-    c.color_rgb = item.at("color_rgb").get<std::array<uint8_t, 3>>();
-    c.prior_alpha_rad = item.at("prior_alpha_rad");
-    c.prior_beta_rad = item.at("prior_beta_rad");
-    c.smoothness = item.at("smoothness");
-    c.anchor_weight = item.value("keep", 0.0);  // absent in surveys before version 19
-    classes.push_back(std::move(c));
-  }
-  return classes;
-}
-
 // One entry per pair of classes with a positive weight: [first, second, bias, sigma, weight].
 json BorderArray(const BorderTrusts& borders) {
   json out = json::array();
@@ -159,49 +63,6 @@ BorderTrusts BordersFromArray(const json& j, int classes) {
     borders.Set(a, b, trust);
   }
   return borders;
-}
-
-Survey SurveyFromJson(const json& j) {
-  Survey s;
-  s.scene_name = j.at("scene_name");
-  s.mesh_path = j.at("mesh");
-  s.gsd_m = j.at("gsd_m");
-  s.up = VectorFromJson(j.at("up"));
-  s.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
-  s.ground.axis_y = VectorFromJson(j.at("ground_axis_y"));
-  s.ground.cell_m = j.at("cell_m");
-  for (const json& item : j.at("cells")) {
-    SurveyCell cell;
-    cell.x = item.at("x");
-    cell.y = item.at("y");
-    cell.faces = item.at("faces");
-    cell.reach_m = item.at("reach_m");
-    cell.box_min = VectorFromJson(item.at("box_min"));
-    cell.box_max = VectorFromJson(item.at("box_max"));
-    cell.views = item.at("views").get<std::vector<int32_t>>();
-    s.cells.push_back(std::move(cell));
-  }
-  s.views = ViewsFromArray(j.at("views"));
-  j.at("view_depths").get_to(s.view_depths);
-  for (const json& item : j.at("flights")) s.flights.push_back({item.at("name"), item.at("date")});
-  s.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
-  s.classes = ClassesFromArray(j.at("classes"));
-  s.has_likelihoods = j.at("has_likelihoods");
-  s.classifier = j.value("classifier", std::string());
-  s.borders = BordersFromArray(j.at("borders"), static_cast<int>(s.classes.size()));
-  s.has_labels = j.at("has_labels");
-  s.crs = CrsFromJson(j.at("crs"));
-  s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));
-  s.rotation_local_from_scene = MatrixFromJson(j.at("rotation_local_from_scene"));
-  s.input_vertices = j.at("input_vertices");
-  s.input_faces = j.at("input_faces");
-  s.vertices = j.at("vertices");
-  s.faces = j.at("faces");
-  s.warnings = j.at("warnings").get<Warnings>();
-  if (const json& revision = j.at("revision"); !revision.is_null()) {
-    s.revision = {revision.at("first_new_face"), revision.at("cells").get<std::vector<std::array<int, 2>>>()};
-  }
-  return s;
 }
 
 // Checks that all indices of views and flights are in range.
@@ -242,7 +103,133 @@ StatusOr<Value> Parse(const std::string& text, const std::string& what, const Co
   }
 }
 
+template <class Value>
+StatusOr<Value> Parse(const std::string& text, const std::string& what) {
+  return Parse<Value>(text, what, [](const json& j) { return j.get<Value>(); });
+}
+
 }  // namespace
+
+// The conversions that the JSON library finds by the type of their argument.
+
+static void to_json(json& j, const PinholeCamera& c) { j = {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
+static void from_json(const json& j, PinholeCamera& c) { c = {j.at(0), j.at(1), j.at(2), j.at(3), j.at(4), j.at(5)}; }
+
+static void to_json(json& j, const SceneView& view) {
+  j = {{"name", view.name},
+       {"image", view.image_path},
+       {"likelihood", view.likelihood_path},
+       {"flight", view.flight},
+       {"image_content", view.image_content},
+       {"likelihood_content", view.likelihood_content},
+       {"withdrawn", view.withdrawn},
+       {"lens",
+        {{"kind", static_cast<int>(view.lens.kind)},
+         {"pinhole", view.lens.pinhole},
+         {"coefficients", view.lens.coefficients}}},
+       {"intrinsics", view.camera.intrinsics},
+       {"rotation_cam_from_local", MatrixToJson(view.camera.rotation_cam_from_world)},
+       {"translation_cam_from_local", VectorToJson(view.camera.translation_cam_from_world)}};
+}
+static void from_json(const json& j, SceneView& view) {
+  view.name = j.at("name");
+  view.image_path = j.at("image");
+  view.likelihood_path = j.at("likelihood");
+  view.flight = j.at("flight");
+  view.image_content = j.at("image_content");
+  view.likelihood_content = j.at("likelihood_content");
+  view.withdrawn = j.at("withdrawn");
+  const json& lens = j.at("lens");
+  view.lens.kind = static_cast<LensModel::Kind>(lens.at("kind").get<int>());
+  view.lens.pinhole = lens.at("pinhole");
+  lens.at("coefficients").get_to(view.lens.coefficients);
+  view.camera.intrinsics = j.at("intrinsics");
+  view.camera.rotation_cam_from_world = MatrixFromJson(j.at("rotation_cam_from_local"));
+  view.camera.translation_cam_from_world = VectorFromJson(j.at("translation_cam_from_local"));
+}
+
+static void to_json(json& j, const SceneClass& c) {
+  j = {{"name", c.name},
+       {"color_rgb", c.color_rgb},
+       {"prior_alpha_rad", c.prior_alpha_rad},
+       {"prior_beta_rad", c.prior_beta_rad},
+       {"smoothness", c.smoothness},
+       {"keep", c.anchor_weight}};
+}
+static void from_json(const json& j, SceneClass& c) {
+  c.name = j.at("name");
+  j.at("color_rgb").get_to(c.color_rgb);
+  c.prior_alpha_rad = j.at("prior_alpha_rad");
+  c.prior_beta_rad = j.at("prior_beta_rad");
+  c.smoothness = j.at("smoothness");
+  c.anchor_weight = j.value("keep", 0.0);  // absent in surveys before version 19
+}
+
+static void to_json(json& j, const Crs& crs) {
+  j = {{"kind", static_cast<int>(crs.kind)}, {"lat_rad", crs.lat_rad}, {"lon_rad", crs.lon_rad},
+       {"height_m", crs.height_m},           {"zone", crs.zone},       {"north", crs.north}};
+}
+static void from_json(const json& j, Crs& crs) {
+  crs = {static_cast<Crs::Kind>(j.at("kind").get<int>()),
+         j.at("lat_rad"),
+         j.at("lon_rad"),
+         j.at("height_m"),
+         j.at("zone"),
+         j.at("north")};
+}
+
+static void to_json(json& j, const SurveyCell& cell) {
+  j = {{"x", cell.x},
+       {"y", cell.y},
+       {"faces", cell.faces},
+       {"reach_m", cell.reach_m},
+       {"box_min", VectorToJson(cell.box_min)},
+       {"box_max", VectorToJson(cell.box_max)},
+       {"views", cell.views}};
+}
+static void from_json(const json& j, SurveyCell& cell) {
+  cell.x = j.at("x");
+  cell.y = j.at("y");
+  cell.faces = j.at("faces");
+  cell.reach_m = j.at("reach_m");
+  cell.box_min = VectorFromJson(j.at("box_min"));
+  cell.box_max = VectorFromJson(j.at("box_max"));
+  j.at("views").get_to(cell.views);
+}
+
+static void to_json(json& j, const Flight& flight) { j = {{"name", flight.name}, {"date", flight.date}}; }
+static void from_json(const json& j, Flight& flight) { flight = {j.at("name"), j.at("date")}; }
+
+static void from_json(const json& j, Survey& s) {
+  s.scene_name = j.at("scene_name");
+  s.mesh_path = j.at("mesh");
+  s.gsd_m = j.at("gsd_m");
+  s.up = VectorFromJson(j.at("up"));
+  s.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
+  s.ground.axis_y = VectorFromJson(j.at("ground_axis_y"));
+  s.ground.cell_m = j.at("cell_m");
+  j.at("cells").get_to(s.cells);
+  j.at("views").get_to(s.views);
+  j.at("view_depths").get_to(s.view_depths);
+  j.at("flights").get_to(s.flights);
+  j.at("pairs").get_to(s.pairs);
+  j.at("classes").get_to(s.classes);
+  s.has_likelihoods = j.at("has_likelihoods");
+  s.classifier = j.value("classifier", std::string());
+  s.borders = BordersFromArray(j.at("borders"), static_cast<int>(s.classes.size()));
+  s.has_labels = j.at("has_labels");
+  s.crs = j.at("crs");
+  s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));
+  s.rotation_local_from_scene = MatrixFromJson(j.at("rotation_local_from_scene"));
+  s.input_vertices = j.at("input_vertices");
+  s.input_faces = j.at("input_faces");
+  s.vertices = j.at("vertices");
+  s.faces = j.at("faces");
+  j.at("warnings").get_to(s.warnings);
+  if (const json& revision = j.at("revision"); !revision.is_null()) {
+    s.revision = {revision.at("first_new_face"), revision.at("cells").get<std::vector<std::array<int, 2>>>()};
+  }
+}
 
 bool IsRevised(const Survey& survey, int x, int y) {
   return survey.revision &&
@@ -288,38 +275,26 @@ std::string ClassifiedContent(const Survey& survey, const std::string& pixels) {
 }
 
 std::string SurveyToJson(const Survey& s) {
-  json cells = json::array();
-  for (const SurveyCell& cell : s.cells) {
-    cells.push_back({{"x", cell.x},
-                     {"y", cell.y},
-                     {"faces", cell.faces},
-                     {"reach_m", cell.reach_m},
-                     {"box_min", VectorToJson(cell.box_min)},
-                     {"box_max", VectorToJson(cell.box_max)},
-                     {"views", cell.views}});
-  }
-  json flights = json::array();
-  for (const Flight& flight : s.flights) flights.push_back({{"name", flight.name}, {"date", flight.date}});
   json revision;
   if (s.revision) revision = {{"first_new_face", s.revision->first_new_face}, {"cells", s.revision->cells}};
   json out = {{"scene_name", s.scene_name},
               {"mesh", s.mesh_path},
-              {"flights", std::move(flights)},
+              {"flights", s.flights},
               {"gsd_m", s.gsd_m},
               {"up", VectorToJson(s.up)},
               {"ground_axis_x", VectorToJson(s.ground.axis_x)},
               {"ground_axis_y", VectorToJson(s.ground.axis_y)},
               {"cell_m", s.ground.cell_m},
-              {"cells", std::move(cells)},
-              {"views", ViewArray(s.views)},
+              {"cells", s.cells},
+              {"views", s.views},
               {"view_depths", s.view_depths},
               {"pairs", s.pairs},
               {"revision", std::move(revision)},
-              {"classes", ClassArray(s.classes)},
+              {"classes", s.classes},
               {"has_likelihoods", s.has_likelihoods},
               {"borders", BorderArray(s.borders)},
               {"has_labels", s.has_labels},
-              {"crs", CrsToJson(s.crs)},
+              {"crs", s.crs},
               {"origin_in_scene", VectorToJson(s.origin_in_scene)},
               {"rotation_local_from_scene", MatrixToJson(s.rotation_local_from_scene)},
               {"input_vertices", s.input_vertices},
@@ -332,15 +307,15 @@ std::string SurveyToJson(const Survey& s) {
 }
 
 StatusOr<Survey> ParseSurvey(const std::string& text) {
-  TESSERA_ASSIGN_OR_RETURN(Survey survey, Parse<Survey>(text, "survey", SurveyFromJson));
+  TESSERA_ASSIGN_OR_RETURN(Survey survey, Parse<Survey>(text, "survey"));
   TESSERA_RETURN_IF_ERROR(CheckCells(survey));
   return survey;
 }
 
-std::string ViewsToJson(const std::vector<SceneView>& views) { return ViewArray(views).dump(); }
+std::string ViewsToJson(const std::vector<SceneView>& views) { return json(views).dump(); }
 
 StatusOr<std::vector<SceneView>> ParseViews(const std::string& text) {
-  return Parse<std::vector<SceneView>>(text, "views", ViewsFromArray);
+  return Parse<std::vector<SceneView>>(text, "views");
 }
 
 std::string BordersToJson(const BorderTrusts& borders) { return BorderArray(borders).dump(); }
@@ -350,10 +325,10 @@ StatusOr<BorderTrusts> ParseBorders(const std::string& text, size_t classes) {
                              [&](const json& j) { return BordersFromArray(j, static_cast<int>(classes)); });
 }
 
-std::string ClassesToJson(const std::vector<SceneClass>& classes) { return ClassArray(classes).dump(); }
+std::string ClassesToJson(const std::vector<SceneClass>& classes) { return json(classes).dump(); }
 
 StatusOr<std::vector<SceneClass>> ParseClasses(const std::string& text) {
-  return Parse<std::vector<SceneClass>>(text, "classes", ClassesFromArray);
+  return Parse<std::vector<SceneClass>>(text, "classes");
 }
 
 }  // namespace tessera
