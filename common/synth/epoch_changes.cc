@@ -69,16 +69,9 @@ class ChangePlanner {
   }
 
  private:
-  BlockKey BlockAt(const Vector2d& p) const {
-    const auto at = [](double offset, int count) {
-      return std::clamp(static_cast<int>(std::floor(offset / CityPlan::kPitch)), 0, count - 1);
-    };
-    return {at(p.x() - plan_.MinX(), plan_.columns), at(p.y() - plan_.MinY(), plan_.rows)};
-  }
-
   void FindStanding(const AlignedBox2d& part) {
     const AlignedBox2d around = Inflated(part, 12);
-    const BlockKey low = BlockAt(around.min()), high = BlockAt(around.max());
+    const BlockKey low = plan_.BlockAt(around.min()), high = plan_.BlockAt(around.max());
     std::vector<BlockKey> keys;
     for (int row = low.second; row <= high.second; ++row) {
       for (int column = low.first; column <= high.first; ++column) keys.push_back({column, row});
@@ -155,7 +148,7 @@ class ChangePlanner {
 
   // Whether the box lies on a block's lot (behind the pavement), not on a street.
   bool OnLot(const AlignedBox2d& box) const {
-    const BlockKey key = BlockAt(box.center());
+    const BlockKey key = plan_.BlockAt(box.center());
     const Vector2d low = plan_.BlockOrigin(key.first, key.second);
     const double edge = CityPlan::kHalfStreet + CityPlan::kSidewalk;
     return AlignedBox2d(low + Vector2d::Constant(edge), low + Vector2d::Constant(CityPlan::kPitch - edge))
@@ -188,7 +181,7 @@ class ChangePlanner {
       const Ring roof = RoofOutline(b);
       if (!Free(roof) || (grand && AreaOf(roof) < kLargeArea)) continue;
       PlaceOnGround(plan_, b);
-      Changed(BlockAt(b.centre)).buildings.push_back(b);
+      Changed(plan_.BlockAt(b.centre)).buildings.push_back(b);
       return Add(ChangeKind::kBuilt, roof);
     }
   }
@@ -264,7 +257,7 @@ class ChangePlanner {
       const Ring crown = CrownOutline(tree);
       if (attempt % (kAttempts / 2) < kAttempts / 4 && !OnLot(BoxOf(crown))) continue;
       if (!Free(crown) || !Open(crown, 0.3)) continue;
-      Changed(BlockAt(tree.foot.head<2>())).trees.push_back(tree);
+      Changed(plan_.BlockAt(tree.foot.head<2>())).trees.push_back(tree);
       Add(ChangeKind::kGrown, crown);
       return true;
     }
@@ -347,7 +340,7 @@ class ChangePlanner {
 
   void MeasureHeight(const CityPlan& changed, CityChange& change) const {
     const AlignedBox2d around = Inflated(BoxOf(change.footprint), 8);
-    const BlockKey low = BlockAt(around.min()), high = BlockAt(around.max());
+    const BlockKey low = plan_.BlockAt(around.min()), high = plan_.BlockAt(around.max());
     const auto caster = [&](const CityPlan& plan) {
       TexturedSurface surface;
       for (int row = low.second; row <= high.second; ++row) {
@@ -396,17 +389,14 @@ Status WriteChanges(const std::string& path, const std::vector<CityChange>& chan
       const Eigen::Vector2d& p = change.footprint[k % change.footprint.size()];
       ring.push_back({p.x(), p.y()});
     }
-    nlohmann::ordered_json feature;
-    feature["type"] = "Feature";
-    feature["properties"] = {{"kind", ChangeKindName(change.kind)},
-                             {"area_m2", std::round(change.area_m2 * 1000) / 1000},
-                             {"height_difference_m", change.height_difference_m}};
-    feature["geometry"] = {{"type", "Polygon"}, {"coordinates", nlohmann::ordered_json::array({ring})}};
-    features.push_back(std::move(feature));
+    features.push_back({{"type", "Feature"},
+                        {"properties",
+                         {{"kind", ChangeKindName(change.kind)},
+                          {"area_m2", std::round(change.area_m2 * 1000) / 1000},
+                          {"height_difference_m", change.height_difference_m}}},
+                        {"geometry", {{"type", "Polygon"}, {"coordinates", nlohmann::ordered_json::array({ring})}}}});
   }
-  nlohmann::ordered_json collection;
-  collection["type"] = "FeatureCollection";
-  collection["features"] = std::move(features);
+  const nlohmann::ordered_json collection = {{"type", "FeatureCollection"}, {"features", std::move(features)}};
   return WriteFileAtomic(path, collection.dump(1) + "\n");
 }
 

@@ -11,11 +11,11 @@ namespace tessera {
 
 inline constexpr double kForwardOverlap = 0.8;
 inline constexpr double kSideOverlap = 0.6;
-inline constexpr int kLookCount = 5;  // nadir, north, east, south, west
+inline constexpr int kDirections = 5;  // nadir, north, east, south, west
 
 struct SynthView {
   std::string stem;        // file name without extension
-  int look = 0;            // viewing direction: 0 nadir, then north, east, south, west
+  int direction = 0;       // viewing direction: 0 nadir, then north, east, south, west
   Eigen::Vector2d target;  // approximate intersection of the optical axis with the ground
   PosedCamera camera;
 };

@@ -36,7 +36,6 @@ std::vector<StartLabelSample> SampleStartLabels(const CityScene& scene, const st
     }
   }
   const RayCaster start_caster(start);
-  const CityPlan& plan = scene.plan();
   std::vector<std::vector<StartLabelSample>> found(views.size());
   ParallelForEach(views.size(), 1, [&](size_t k) {
     const PosedCamera& camera = views[k]->camera;
@@ -50,10 +49,7 @@ std::vector<StartLabelSample> SampleStartLabels(const CityScene& scene, const st
         const RayHit truth = scene.caster().Cast(centre, ray);
         if (!truth.hit()) continue;
         const Eigen::Vector3d p = centre + truth.distance * ray;
-        const int column =
-            std::clamp(static_cast<int>(std::floor((p.x() - plan.MinX()) / CityPlan::kPitch)), 0, plan.columns - 1);
-        const int row =
-            std::clamp(static_cast<int>(std::floor((p.y() - plan.MinY()) / CityPlan::kPitch)), 0, plan.rows - 1);
+        const auto [column, row] = scene.plan().BlockAt(p.head<2>());
         if (!range.Contains(column, row)) continue;
         const RayHit start_hit = start_caster.Cast(centre, ray);
         StartLabelSample sample{0, StartLabelSample::kNoFace,

@@ -3,6 +3,8 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -40,6 +42,13 @@ struct CityPlan {
   double MaxY() const { return -MinY(); }
   // Lower corner of a block's square.
   Eigen::Vector2d BlockOrigin(int column, int row) const { return {MinX() + column * kPitch, MinY() + row * kPitch}; }
+  // Column and row of the block whose square contains the point, or of the nearest one.
+  std::pair<int, int> BlockAt(const Eigen::Vector2d& p) const {
+    const auto at = [](double offset, int count) {
+      return std::clamp(static_cast<int>(std::floor(offset / kPitch)), 0, count - 1);
+    };
+    return {at(p.x() - MinX(), columns), at(p.y() - MinY(), rows)};
+  }
   int Blocks() const { return columns * rows; }
 };
 

@@ -238,13 +238,8 @@ class CitySynthesizer {
   std::vector<int> ViewsOver(const BlockRange& range) const {
     std::vector<int> views;
     for (size_t k = 0; k < flight_.size(); ++k) {
-      const auto block = [](double offset, int count) {
-        return std::clamp(static_cast<int>(std::floor(offset / CityPlan::kPitch)), 0, count - 1);
-      };
-      if (range.Contains(block(flight_[k].target.x() - plan_.MinX(), plan_.columns),
-                         block(flight_[k].target.y() - plan_.MinY(), plan_.rows))) {
-        views.push_back(static_cast<int>(k));
-      }
+      const auto [column, row] = plan_.BlockAt(flight_[k].target.head<2>());
+      if (range.Contains(column, row)) views.push_back(static_cast<int>(k));
     }
     return views;
   }

@@ -2,37 +2,23 @@
 
 #include <Eigen/Geometry>
 #include <array>
-#include <cstdarg>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_format.h"
 #include "common/storage/files.h"
 
 namespace tessera {
-namespace {
-
-__attribute__((format(printf, 2, 3))) void Append(std::string& text, const char* format, ...) {
-  char line[512];
-  va_list arguments;
-  va_start(arguments, format);
-  std::vsnprintf(line, sizeof line, format, arguments);
-  va_end(arguments);
-  text += line;
-}
-
-}  // namespace
-
 Status WriteColmapText(const std::string& folder, const std::vector<SynthView>& flight, const std::string& extension,
                        const std::vector<SparsePoint>& points, const ColmapText* earlier) {
   const int first_image = 1 + (earlier == nullptr ? 0 : earlier->image_count);
   const size_t first_point = 1 + (earlier == nullptr ? 0 : static_cast<size_t>(earlier->point_count));
   std::string cameras = "# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n";
-  for (int look = 0; look < kLookCount; ++look) {
+  for (int direction = 0; direction < kDirections; ++direction) {
     for (const SynthView& view : flight) {
-      if (view.look != look) continue;
+      if (view.direction != direction) continue;
       const PinholeCamera& c = view.camera.intrinsics;
-      Append(cameras, "%d PINHOLE %d %d %.17g %.17g %.17g %.17g\n", look + 1, c.width, c.height, c.fx, c.fy, c.cx,
-             c.cy);
+      absl::StrAppendFormat(&cameras, "%d PINHOLE %d %d %.17g %.17g %.17g %.17g\n", direction + 1, c.width, c.height,
+                            c.fx, c.fy, c.cx, c.cy);
       break;
     }
   }
@@ -43,10 +29,10 @@ Status WriteColmapText(const std::string& folder, const std::vector<SynthView>& 
   if (earlier != nullptr) text = earlier->points;
   for (size_t k = 0; k < points.size(); ++k) {
     const SparsePoint& p = points[k];
-    Append(text, "%zu %.12g %.12g %.12g %d %d %d %.4f", k + first_point, p.position.x(), p.position.y(), p.position.z(),
-           p.color_rgb[0], p.color_rgb[1], p.color_rgb[2], p.error_px);
+    absl::StrAppendFormat(&text, "%zu %.12g %.12g %.12g %d %d %d %.4f", k + first_point, p.position.x(), p.position.y(),
+                          p.position.z(), p.color_rgb[0], p.color_rgb[1], p.color_rgb[2], p.error_px);
     for (const auto& observation : p.track) {
-      Append(text, " %d %zu", observation.view + first_image, seen[observation.view].size());
+      absl::StrAppendFormat(&text, " %d %zu", observation.view + first_image, seen[observation.view].size());
       seen[observation.view].push_back({&observation, k + first_point});
     }
     text += '\n';
@@ -58,11 +44,11 @@ Status WriteColmapText(const std::string& folder, const std::vector<SynthView>& 
   for (size_t k = 0; k < flight.size(); ++k) {
     const Eigen::Quaterniond q(flight[k].camera.rotation_cam_from_world);
     const Eigen::Vector3d& t = flight[k].camera.translation_cam_from_world;
-    Append(images, "%zu %.17g %.17g %.17g %.17g %.17g %.17g %.17g %d %s%s\n", k + first_image, q.w(), q.x(), q.y(),
-           q.z(), t.x(), t.y(), t.z(), flight[k].look + 1, flight[k].stem.c_str(), extension.c_str());
+    absl::StrAppendFormat(&images, "%zu %.17g %.17g %.17g %.17g %.17g %.17g %.17g %d %s%s\n", k + first_image, q.w(),
+                          q.x(), q.y(), q.z(), t.x(), t.y(), t.z(), flight[k].direction + 1, flight[k].stem, extension);
     for (size_t n = 0; n < seen[k].size(); ++n) {
-      Append(images, "%s%.4f %.4f %zu", n ? " " : "", seen[k][n].first->x_px, seen[k][n].first->y_px,
-             seen[k][n].second);
+      absl::StrAppendFormat(&images, "%s%.4f %.4f %zu", n ? " " : "", seen[k][n].first->x_px, seen[k][n].first->y_px,
+                            seen[k][n].second);
     }
     images += '\n';
   }

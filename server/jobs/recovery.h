@@ -38,9 +38,9 @@ class Recovery {
   std::vector<Lost> LostInputsLocked(TaskRef ref, const std::set<std::string>& sha256) const;
   // Hashes the input; quarantines a blob whose content has changed.
   Status Examine(Lost& lost) const;
-  // Commits that `maker` runs again and that `needed_by` waits for it: a task whose outputs were taken from the base job,
-  // or (task -1) the planning of a job, or (job -1) nothing. FAILED_PRECONDITION if it cannot be recomputed. Also needs blob_use().mutex,
-  // shared, because the job may need all its outputs again.
+  // Commits that `maker` runs again and that `needed_by` waits for it: a task whose outputs were taken from the base
+  // job, or (task -1) the planning of a job, or (job -1) nothing. FAILED_PRECONDITION if it cannot be recomputed. Also
+  // needs blob_use().mutex, shared, because the job may need all its outputs again.
   Status RemakeLocked(TaskRef maker, const std::string& reason, TaskRef needed_by);
   // Stores again a file that the planner itself made for the job. NOT_FOUND if it is no such file.
   Status RestorePlanned(int job, const Digest& digest);

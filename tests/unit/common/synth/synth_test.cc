@@ -229,7 +229,7 @@ TEST(PlanFlightTest, NeighbouringImagesHaveTheStatedOverlap) {
   const double width_m = 1000 * plan.gsd_m, height_m = 750 * plan.gsd_m;
   std::map<std::string, Eigen::Vector2d> nadir;
   for (const SynthView& view : views) {
-    if (view.look != 0) continue;
+    if (view.direction != 0) continue;
     nadir[view.stem] = view.target;
     // The axis meets the ground at the target, and a metre there is 1 / GSD pixels.
     const Eigen::Vector3d ground(view.target.x(), view.target.y(),
