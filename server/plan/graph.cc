@@ -12,7 +12,6 @@
 #include "common/job/survey.h"
 #include "server/plan/change_tasks.h"
 #include "server/plan/classify_tasks.h"
-#include "server/plan/files_of_views.h"
 #include "server/plan/stages.h"
 #include "server/plan/update_plan.h"
 #include "server/tiling/cell_index.h"

@@ -1,5 +1,7 @@
 #include "server/plan/planned_task.h"
 
+#include <algorithm>
+
 namespace tessera {
 
 std::string InputName(const PlannedInput& input) {
@@ -10,6 +12,22 @@ void SetCost(const Prediction& cost, PlannedTask* task) {
   task->cost = cost.core_seconds;
   task->peak_bytes = cost.peak_bytes;
   task->stored_bytes = cost.stored_bytes;
+}
+
+StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
+                                                                       const std::vector<std::string>& files) {
+  std::vector<std::vector<PlannedTask::ViewFile>> found(survey.views.size());
+  for (size_t v = 0; v < survey.views.size(); ++v) {
+    const SceneView& view = survey.views[v];
+    for (const bool likelihoods : {false, true}) {
+      const std::string& path = likelihoods ? view.likelihood_path : view.image_path;
+      if (path.empty()) continue;
+      const auto it = std::lower_bound(files.begin(), files.end(), path);
+      if (it == files.end() || *it != path) return absl::NotFoundError("the scene has no file " + path);
+      found[v].push_back({static_cast<int>(it - files.begin()), static_cast<int32_t>(v), likelihoods});
+    }
+  }
+  return found;
 }
 
 }  // namespace tessera

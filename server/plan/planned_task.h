@@ -10,6 +10,8 @@
 #include "common/base/ids.h"
 #include "common/base/interned_string.h"
 #include "common/base/lazy_value.h"
+#include "common/base/status.h"
+#include "common/job/survey.h"
 #include "common/job/task_kinds.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/hash.h"
@@ -59,5 +61,10 @@ struct PlannedTask {
 };
 
 void SetCost(const Prediction& cost, PlannedTask* task);
+
+// Per view: its image and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of a
+// missing one.
+StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
+                                                                       const std::vector<std::string>& files);
 
 }  // namespace tessera

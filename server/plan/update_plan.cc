@@ -66,6 +66,10 @@ class CellsByPosition {
 
 bool Overlap(const CellRect& a, const CellRect& b) { return a.x0 < b.x1 && b.x0 < a.x1 && a.y0 < b.y1 && b.y0 < a.y1; }
 
+// In the order of ChangeReason.
+constexpr const char* kReasonWords[] = {"image seen", "image superseded", "image withdrawn",   "image changed",
+                                        "pose moved", "mesh changed",     "image newly chosen"};
+
 json PredictionJson(const Prediction& prediction) {
   return {{"core_seconds", prediction.core_seconds},
           {"peak_bytes", prediction.peak_bytes},
@@ -73,26 +77,6 @@ json PredictionJson(const Prediction& prediction) {
 }
 
 }  // namespace
-
-std::string ReasonWords(ChangeReason reason) {
-  switch (reason) {
-    case ChangeReason::kImageSeen:
-      return "image seen";
-    case ChangeReason::kImageSuperseded:
-      return "image superseded";
-    case ChangeReason::kImageWithdrawn:
-      return "image withdrawn";
-    case ChangeReason::kImageChanged:
-      return "image changed";
-    case ChangeReason::kPoseMoved:
-      return "pose moved";
-    case ChangeReason::kMeshChanged:
-      return "mesh changed";
-    case ChangeReason::kNewlyChosen:
-      return "image newly chosen";
-  }
-  return "unknown";
-}
 
 std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) {
   const std::vector<RefineStep> steps = StepsOf(settings);
@@ -249,7 +233,7 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
     for (const TileChange::Why& each : change.why) {
       json images = json::array();
       for (const int32_t view : each.views) images.push_back(survey.views[view].name);
-      why.push_back({{"reason", ReasonWords(each.reason)}, {"images", std::move(images)}});
+      why.push_back({{"reason", kReasonWords[static_cast<int>(each.reason)]}, {"images", std::move(images)}});
     }
     const CellRect& core = change.tile.core;
     tiles.push_back({{"tile", change.tile.tile},

@@ -25,7 +25,6 @@ enum class ChangeReason {
   kMeshChanged,   // in a cell of its core
   kNewlyChosen,   // a cell chose a view of the base that it had not chosen before
 };
-std::string ReasonWords(ChangeReason reason);
 
 struct TileChange {
   struct Why {
