@@ -1,4 +1,4 @@
-// The commands of `tessera`, one file each.
+// The commands of `tessera`.
 #pragma once
 
 namespace CLI {

@@ -1,6 +1,5 @@
 // `tessera jobs`: lists jobs and workers of a coordinator.
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -34,21 +33,11 @@ struct JobsFlags {
 
 using Row = std::vector<std::string>;
 
-// Columns as wide as their widest entry.
 void PrintTable(std::vector<Row> rows) {
   for (Row& row : rows) {
     for (std::string& entry : row) entry = Printable(entry);
   }
-  std::vector<size_t> widths(rows.front().size());
-  for (const Row& row : rows) {
-    for (size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
-  }
-  for (const Row& row : rows) {
-    std::string line;
-    for (size_t i = 0; i < row.size(); ++i) line += row[i] + std::string(widths[i] - row[i].size() + 2, ' ');
-    line.erase(line.find_last_not_of(' ') + 1);
-    std::printf("%s\n", line.c_str());
-  }
+  std::printf("%s", ColumnsText(rows).c_str());
 }
 
 // Adds one row per line of the text; the first row has the name.

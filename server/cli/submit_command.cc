@@ -1,7 +1,10 @@
-// `tessera submit` and `tessera update`: submit a job to a coordinator.
+// `tessera submit`, `tessera update` and `tessera rollback`: submit a job to a coordinator.
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <functional>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "common/storage/temporary_name.h"
 #include "server/cli/command_line.h"
@@ -23,11 +26,9 @@ struct SubmitFlags {
   bool watch = false;
 };
 
-StatusOr<int> Submit(const SubmitFlags& flags) {
-  v1::CreateJobRequest request = MakeRequest(flags.job);
-  if (v1::UpdateSettings& update = *request.mutable_settings()->mutable_update(); !update.base().empty()) {
-    update.set_base(FullJobName(update.base()));
-  }
+// Creates the job, or calls `print_valid` with the checked job if it is only to be validated.
+StatusOr<int> Submit(const SubmitFlags& flags, v1::CreateJobRequest request,
+                     const std::function<void(const v1::Job&)>& print_valid) {
   request.set_display_name(flags.name);
   request.set_priority(flags.priority);
   request.set_request_id(flags.request_id.empty() ? UniqueName() : flags.request_id);
@@ -37,7 +38,7 @@ StatusOr<int> Submit(const SubmitFlags& flags) {
   TESSERA_RETURN_IF_ERROR(connection->CreateJob(request, &job));
   PrintWarnings(job.warnings());
   if (flags.validate_only) {
-    std::printf("%s: valid\n", request.scene_path().c_str());
+    print_valid(job);
     return kExitOk;
   }
   std::printf("%s\n", job.name().c_str());
@@ -45,20 +46,47 @@ StatusOr<int> Submit(const SubmitFlags& flags) {
   return flags.watch ? WatchJobWithProgress(*connection, job.name()) : kExitOk;
 }
 
+StatusOr<int> SubmitScene(const SubmitFlags& flags) {
+  v1::CreateJobRequest request = MakeRequest(flags.job);
+  if (v1::UpdateSettings& update = *request.mutable_settings()->mutable_update(); !update.base().empty()) {
+    update.set_base(FullJobName(update.base()));
+  }
+  return Submit(flags, request, [&](const v1::Job&) { std::printf("%s: valid\n", request.scene_path().c_str()); });
+}
+
+StatusOr<int> SubmitRollback(const SubmitFlags& flags, const std::string& base, const std::string& earlier,
+                             const std::vector<int>& tiles) {
+  v1::CreateJobRequest request;
+  v1::UpdateSettings& update = *request.mutable_settings()->mutable_update();
+  update.set_base(FullJobName(base));
+  update.set_rollback_to(FullJobName(earlier));
+  update.mutable_rollback_tiles()->Add(tiles.begin(), tiles.end());
+  return Submit(flags, request, [&](const v1::Job& job) {
+    std::printf("%s: %s can be restored, %d tiles\n", update.base().c_str(), update.rollback_to().c_str(),
+                job.settings().update().rollback_tiles_size());
+  });
+}
+
 constexpr char kBaseValues[] = "a job of the coordinator, such as jobs/3";
+
+// Adds the options of all submissions but the coordinator's. `name`, `validated`: the help of --name and
+// --validate-only.
+void AddSubmitOptions(CLI::App& command, const std::string& name, const std::string& validated, SubmitFlags* flags) {
+  command.add_option("--name", flags->name, name);
+  command.add_option("--request-id", flags->request_id,
+                     "Id of this submission: a repeated call with the same id returns the same job");
+  command.add_flag("--validate-only", flags->validate_only, validated);
+  command.add_flag("--watch", flags->watch, "Show progress until the job has ended");
+}
 
 void AddOptions(CLI::App& command, SubmitFlags* flags) {
   AddCoordinatorOption(command, &flags->coordinator);
   AddJobOptions(command, &flags->job);
   AddUpdateOptions(command, kBaseValues, &flags->job);
   AddPriceLimit(command, &flags->job);
-  command.add_option("--name", flags->name, "Display name of the job (default: the scene's name)");
-  command.add_option("--request-id", flags->request_id,
-                     "Id of this submission: a repeated call with the same id returns the same job");
   AddPriorityOption(command, "--priority", &flags->priority);
-  command.add_flag("--validate-only", flags->validate_only,
-                   "Only check whether the coordinator accepts the scene and the settings");
-  command.add_flag("--watch", flags->watch, "Show progress until the job has ended");
+  AddSubmitOptions(command, "Display name of the job (default: the scene's name)",
+                   "Only check whether the coordinator accepts the scene and the settings", flags);
 }
 
 }  // namespace
@@ -75,7 +103,7 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       "  job=$(tessera submit city --tiles 16 --coordinator city-server:7575)\n"
       "  tessera watch $job && tessera fetch $job --out result");
   AddOptions(*command, flags.get());
-  SetAction(command, exit_code, [flags] { return Submit(*flags); });
+  SetAction(command, exit_code, [flags] { return SubmitScene(*flags); });
 }
 
 void AddUpdateCommand(CLI::App& app, int* exit_code) {
@@ -88,7 +116,35 @@ void AddUpdateCommand(CLI::App& app, int* exit_code) {
       "  tessera update flight-2027 --base jobs/1 --watch && tessera fetch jobs/2 --out city-2027");
   AddOptions(*command, flags.get());
   command->get_option("--base")->required();
-  SetAction(command, exit_code, [flags] { return Submit(*flags); });
+  SetAction(command, exit_code, [flags] { return SubmitScene(*flags); });
+}
+
+void AddRollbackCommand(CLI::App& app, int* exit_code) {
+  struct Flags : SubmitFlags {
+    std::string base, earlier;
+    std::vector<int> tiles;
+  };
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("rollback", "Restore tiles of a job from an earlier job");
+  command->footer(
+      "Creates a job with the given tiles of EARLIER and all other tiles of JOB, byte for byte; nothing is refined.\n"
+      "EARLIER is a base job of JOB, or a base of its base (`tessera lineage` lists them). Tiles that share vertices\n"
+      "and were refined by the same job must be restored together: if some are missing, the job is refused, and the\n"
+      "error shows the command with all of them. The image list stays that of JOB: an update of the new job does not\n"
+      "treat its images as new. To leave out a flight, withdraw it (`tessera update --withdraw`).\n"
+      "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 4 coordinator unavailable.\n"
+      "Examples:\n"
+      "  tessera rollback jobs/7 --to jobs/3 --tile 12 --tile 13 --watch && tessera fetch jobs/8 --out city\n"
+      "  tessera rollback jobs/7 --to jobs/3");
+  AddCoordinatorOption(*command, &flags->coordinator);
+  command->add_option("JOB", flags->base, "The job's name or number")->required();
+  command->add_option("--to", flags->earlier, "Job to restore tiles from")->type_name("EARLIER")->required();
+  command->add_option("--tile", flags->tiles, "Tile to restore; may be repeated (default: all tiles that differ)")
+      ->check(CLI::NonNegativeNumber)
+      ->allow_extra_args(false);
+  AddSubmitOptions(*command, "Display name of the new job (default: that of JOB)",
+                   "Only check whether these tiles can be restored", flags.get());
+  SetAction(command, exit_code, [flags] { return SubmitRollback(*flags, flags->base, flags->earlier, flags->tiles); });
 }
 
 }  // namespace tessera

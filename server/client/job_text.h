@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 namespace tessera {
 
@@ -28,6 +29,9 @@ std::string FullJobName(const std::string& given);
 
 // "8 s", "3 min 20 s", "2 h 5 min".
 std::string FormatDuration(double seconds);
+
+// The rows as lines, their columns as wide as the widest entry, two spaces apart.
+std::string ColumnsText(const std::vector<std::vector<std::string>>& rows);
 
 // 1234567 as "1,234,567".
 std::string FormatThousands(long long value);

@@ -9,6 +9,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/time/time.h"
 #include "common/base/printable.h"
+#include "server/client/job_text.h"
 
 namespace tessera {
 namespace {
@@ -132,16 +133,7 @@ std::string LineageTable(const Lineage& lineage) {
                     UtcTime(job.finished_s, "%Y-%m-%d"), OrDash(job.algorithm_version), OrDash(job.method),
                     ImagesText(tile), tile.state.sha256});
   }
-  std::vector<size_t> widths(rows.front().size());
-  for (const Row& row : rows) {
-    for (size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
-  }
-  std::string out;
-  for (const Row& row : rows) {
-    for (size_t i = 0; i + 1 < row.size(); ++i) out += row[i] + std::string(widths[i] - row[i].size() + 2, ' ');
-    out += row.back() + "\n";
-  }
-  return out;
+  return ColumnsText(rows);
 }
 
 StatusOr<std::string> TileLineageText(const Lineage& lineage, int id, bool with_images) {
