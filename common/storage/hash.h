@@ -1,4 +1,5 @@
-// Content hashes: SHA-256 names content; XXH3 detects damage in transit.
+// Content hashes. SHA-256 names blobs. XXH3 is the checksum of chunks, array files and records (64 bits) and identifies
+// decoded pixels (128 bits).
 #pragma once
 
 #include <array>

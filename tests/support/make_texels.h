@@ -27,7 +27,7 @@ inline Texels MakeTexels(const FloatImage& luminance, const FloatImage& likeliho
   stored.luminance = codes;
   stored.likelihoods = steps;
   Texels out;
-  stored.Bring(stored.rect, &out);
+  stored.LoadWindow(stored.rect, &out);
   return out;
 }
 

@@ -30,7 +30,7 @@ TilePackage PackageOf(const SurfaceProblem& problem, const std::vector<ViewPair>
   } else {
     package.classes.resize(static_cast<size_t>(*std::max_element(labels.begin(), labels.end())) + 1);
   }
-  package.compares = !pairs.empty();
+  package.has_pairs = !pairs.empty();
   for (size_t v = 0; v < problem.views.size(); ++v) {
     const RefineView& view = problem.views[v];
     package.views.emplace_back();

@@ -1,4 +1,5 @@
-// Ground cells of faces, and blocks of 2 x 2 cells for block coordinate descent.
+// Label cells of faces (squares of kLabelCellGsd, smaller than ground cells), and blocks of 2 x 2 label cells for block
+// coordinate descent.
 #pragma once
 
 #include <array>

@@ -25,7 +25,7 @@ struct LabelField {
   int classes = 0;
   std::vector<float> unary;  // faces x classes
   std::vector<FieldEdge> edges;
-  // Ground cell of each face, for block coordinate descent; empty: all faces form one block. Must not depend on the
+  // Label cell of each face, for block coordinate descent; empty: all faces form one block. Must not depend on the
   // tile: squares of kLabelCellGsd in plan, by the face's centroid in the start mesh.
   std::vector<Cell> cell;
   size_t faces() const { return classes == 0 ? 0 : unary.size() / classes; }

@@ -23,9 +23,9 @@ struct ContourMeasurement {
 
 // Position of the image edge near the border between the front and the back class in the likelihoods. The likelihoods
 // select the edge, the image gives its position; `trust.bias_px`, the known bias of such borders, is subtracted.
-// `trust`: for this ordered pair of classes, in pixels of level 0, of which one of the profile's pixels is 1 /
-// `scale`. Weight 0 if the likelihoods have no such border within kReach or are not trusted; a small weight if there
-// is no distinct edge.
+// `trust`: for this ordered pair of classes, in pixels of level 0; times `scale` (2^-level) gives
+// pixels of the profile. Weight 0 if the likelihoods have no such border within kReach or are not trusted; a small
+// weight if there is no distinct edge.
 ContourMeasurement MeasureContour(const ContourProfile& profile, const BorderTrust& trust, double scale);
 
 }  // namespace tessera

@@ -23,7 +23,7 @@ StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool with_l
   out.step_y = -middle_y;
   out.depths = view.depths;
   TESSERA_ASSIGN_OR_RETURN(const StoredTexels stored, view.pixels->Level(level));
-  out.stored = stored.CountedFrom(middle_x, middle_y);
+  out.stored = stored.WithOrigin(middle_x, middle_y);
   if (!with_likelihoods) out.stored->classes = 0;
   return out;
 }

@@ -169,8 +169,8 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
   ParallelForEach(open.size(), 1, [&](int64_t i) {
     const size_t view = open[i];
     if (!views_[view].stored) return;
-    views_[view].stored->Bring(target_rects_[view], &views_[view].texels);
-    if (IsNarrow(view)) views_[view].stored->Bring(reference_rects_[view], &references_[view].texels);
+    views_[view].stored->LoadWindow(target_rects_[view], &views_[view].texels);
+    if (IsNarrow(view)) views_[view].stored->LoadWindow(reference_rects_[view], &references_[view].texels);
   });
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];

@@ -88,14 +88,13 @@ class PhotoTerm {
   using MapVisitor = std::function<void(size_t index, const PhotoView& view, const FaceMap& map)>;
 
   // Evaluates all pairs. Visibility is computed from `mesh` and kept constant in the derivatives. `own`: flags of the
-  // faces to sum; empty: all.
+  // faces to sum, the own faces; empty: all.
   // Dependency: the sums of an own face depend only on the pixels within 2·radius rows and columns of its own pixels
   // in each reference, and on the depths and texels where those pixels are warped to in the partners. (A pixel
   // belongs to windows up to `radius` away, which contain pixels up to `radius` further.)
-  // `cells`, `clock` and `visit` may be null. With `cells`, which are then the groups, invisible cells are not drawn
-  // (FindVisibleCells).
-  // A view is drawn when the first pair needs it and freed after the last one, so memory is bounded by the views open
-  // at the same time: views of a pair should be close in the list.
+  // `cells`, `clock` and `visit` may be null. With `cells`, group i of `groups` must be cell i, and invisible cells are
+  // not drawn (FindVisibleCells). A view is drawn when the first pair needs it and freed after the last one, so memory
+  // is bounded by the views open at the same time: views of a pair should be close in the list.
   void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells, const Clock* clock,
                 PhotoSums* out, const MapVisitor& visit = nullptr);
 

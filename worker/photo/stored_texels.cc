@@ -138,7 +138,7 @@ TexelShape TexelShape::Half() const {
   return half;
 }
 
-StoredTexels StoredTexels::CountedFrom(int x, int y) const {
+StoredTexels StoredTexels::WithOrigin(int x, int y) const {
   StoredTexels out = *this;
   out.rect = {rect.x0 - x, rect.y0 - y, rect.x1 - x, rect.y1 - y};
   if (same_resolution) {
@@ -151,7 +151,7 @@ StoredTexels StoredTexels::CountedFrom(int x, int y) const {
   return out;
 }
 
-void StoredTexels::Bring(const PixelRect& window, Texels* texels) const {
+void StoredTexels::LoadWindow(const PixelRect& window, Texels* texels) const {
   assert(window.x0 % 2 == 0 && window.y0 % 2 == 0);
   texels->x0 = window.x0;
   texels->y0 = window.y0;

@@ -43,11 +43,11 @@ struct StoredTexels : TexelShape {
   std::function<void()> release;         // optional hint: the pixels are not needed for a while
 
   // The same with the pixel origin moved to pixel (x, y) of the level's image.
-  StoredTexels CountedFrom(int x, int y) const;
+  StoredTexels WithOrigin(int x, int y) const;
   // Loads `window` (even x0 and y0) into `texels`, reusing its arrays; pixels outside `rect` are invalid. Likelihoods
   // are interpolated bilinearly if coarser than the luminance, averaged over a pixel's footprint if finer, and their
   // border values are repeated.
-  void Bring(const PixelRect& window, Texels* texels) const;
+  void LoadWindow(const PixelRect& window, Texels* texels) const;
 
   // Arrays of Half(): rounded means of four values; a luminance is invalid if one of the four is. Integer arithmetic,
   // so that all parts of a view have the same values.

@@ -247,7 +247,7 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
     Vector3d& s = step[v];
     const double data = photo.curvature[v].trace();
     if (data > 0 && !s.isZero(0)) {  // fixed vertices keep a zero step
-      const double share = data / (data + options.evidence);
+      const double share = data / (data + options.half_effect_curvature);
       s *= 1 + share * (options.acceleration.relaxation - 1);
       if (!last.empty()) s += share * options.acceleration.momentum * last[v].cast<double>();
     }

@@ -52,9 +52,9 @@ class MotionGuard {
   void LimitDisplacement(const Positions& at, Positions* step) const;
 
   // Passes of LimitFolding. Smoothing passes average the steps over the corners of folding faces, which preserves
-  // their common motion; then steps are halved. Of 428,000 faces 5,000 fold by a wide step before these passes and 80
-  // after, 150 and nearly none by a narrow one. Setting steps to zero at once is worse: next to vertices that still
-  // move, other faces fold.
+  // their common motion; then steps are halved. Example (428,000 faces): wide steps fold
+  // 5,000 faces before these passes and 80 after; narrow steps 150 and nearly none. Setting steps to zero at once is
+  // worse: next to vertices that still move, other faces fold.
   static constexpr int kSmoothingPasses = 4, kHalvings = 8;
   static constexpr int kFoldingPasses = kSmoothingPasses + kHalvings;
 
@@ -115,8 +115,8 @@ struct StepDependencyRadius {
 };
 
 // Over-relaxation and heavy-ball momentum (Polyak 1964). Since the curvatures are upper bounds, plain steps are safe
-// but short. Both effects are scaled by e/(e + evidence) with the data's curvature e at the vertex, so there is no
-// momentum where only smoothness acts (beyond the mesh boundary, behind tree crowns).
+// but short. Both effects are scaled by e/(e + half_effect_curvature) with the data's curvature e at the vertex, so
+// there is no momentum where only smoothness acts (beyond the mesh boundary, behind tree crowns).
 struct Acceleration {
   double relaxation = 1;  // factor of a step, >= 1
   double momentum = 0;    // share of the previous step that is added, [0, 1)
@@ -133,7 +133,7 @@ struct StepOptions {
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   double min_turn_cosine = 0.4;  // lower bound of the cosine by which a face's normal turns in a step
   Acceleration acceleration;
-  double evidence = 0;  // per metre²: data curvature at which the acceleration has half its effect
+  double half_effect_curvature = 0;  // per metre²: data curvature at which the acceleration has half its effect
 };
 
 StepDependencyRadius StepDependencyRadiusOf(int smoothing_sweeps, const MotionLimits& limits);

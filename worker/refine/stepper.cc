@@ -52,7 +52,7 @@ std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const Photo
   step.grid_m = std::exp2(std::floor(std::log2(options_.grid_gsd * gsd_m_)));
   step.max_step_m = options_.max_step_px * pixel_m * std::pow(options_.step_decay, iteration);
   step.acceleration = options_.acceleration;
-  step.evidence = options_.evidence * unit;
+  step.half_effect_curvature = options_.half_effect_curvature * unit;
   smooth_.Reweight(mesh.vertices, options_.creases);
   return ComputeStep(mesh, derivatives, smooth_, inter_, guard_, step, last);
 }

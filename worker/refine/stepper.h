@@ -31,7 +31,7 @@ struct StepperOptions {
   double max_step_px = 1.0;  // per iteration, pixels of the level
   double step_decay = 0.95;  // factor of the maximum step per iteration
   Acceleration acceleration = {1.5, 0.6};
-  double evidence =
+  double half_effect_curvature =
       0.3;  // data curvature per vertex, in units of smoothness, at which the acceleration has half its effect
   double grid_gsd = 0.016;  // upper bound of the grid spacing on which steps end
   double max_normal_gsd = 32,

@@ -20,7 +20,7 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
   nlohmann::json stats;
   if (task.at.labels()) {
     stats["seconds_labels"] = SecondsSince(clock, start_us) - seconds_loading;
-  } else if (task.work->package().compares) {
+  } else if (task.work->package().has_pairs) {
     const PhotoSums& photo = sums.derivatives.photo;
     stats["seconds_visibility"] = photo.seconds_visibility;
     stats["seconds_data"] = photo.seconds_photo;

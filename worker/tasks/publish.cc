@@ -25,8 +25,9 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   survey.scene_name = parameters.scene_name;
   survey.warnings = parameters.warnings;
   for (const int tile : parameters.quarantined) {
-    survey.warnings.push_back(
-        absl::StrCat("tile ", tile, " is quarantined: its refinement failed; its part of the result is not refined"));
+    survey.warnings.push_back(absl::StrCat("tile ", tile,
+                                           " is quarantined: its refinement failed; it is published as it was before "
+                                           "the failed level, or as in the input"));
   }
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
 

@@ -76,14 +76,14 @@ void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums
 Warnings SeamWarnings(int tile, const TileSnapshot& snapshot) {
   if (snapshot.different == 0) return {};
   const Eigen::Vector3d& at = snapshot.farthest_at;
-  return {absl::StrCat("about tile ", tile, ": neighbouring tiles differ at ", snapshot.different, " of ",
+  return {absl::StrCat("near tile ", tile, ": neighbouring tiles differ at ", snapshot.different, " of ",
                        snapshot.compared, " vertices and faces, positions by ", snapshot.farthest_m, " m at most, at (",
                        at.x(), ", ", at.y(), ", ", at.z(),
                        ") of the local frame; this is a fault of the program, please report it")};
 }
 
 std::string FoldWarning(int tile, int64_t faces) {
-  return absl::StrCat("about tile ", tile, ": ", faces,
+  return absl::StrCat("near tile ", tile, ": ", faces,
                       " faces cut each other or turned against the start and could not be repaired");
 }
 

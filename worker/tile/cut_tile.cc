@@ -313,7 +313,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   package.has_likelihoods = survey.has_likelihoods;
   package.borders = survey.borders;
   package.has_labels = survey.has_labels;
-  package.compares = std::any_of(survey.cells.begin(), survey.cells.end(), [&](const SurveyCell& cell) {
+  package.has_pairs = std::any_of(survey.cells.begin(), survey.cells.end(), [&](const SurveyCell& cell) {
     return std::any_of(survey.pairs.begin(), survey.pairs.end(), [&](const std::array<int32_t, 2>& pair) {
       return std::binary_search(cell.views.begin(), cell.views.end(), pair[0]) &&
              std::binary_search(cell.views.begin(), cell.views.end(), pair[1]);

@@ -62,7 +62,7 @@ Status Measure(TileWorkspace& work, TileImages& images, const TileSnapshot& snap
     return absl::OkStatus();
   }
   const TilePackage& package = work.package();
-  if (!package.compares) return absl::OkStatus();
+  if (!package.has_pairs) return absl::OkStatus();
   TESSERA_RETURN_IF_ERROR(images.data_term.EnterLevel(at.step.level));
   sums->seconds_loading = SecondsSince(clock, start_us);
   TriangleMesh mesh = {snapshot.positions, package.mesh.faces, {}};

@@ -26,8 +26,9 @@ struct StepSums {
 };
 
 // Evaluates the data term (iterations) or sums up likelihoods (label steps) at the positions and labels of `snapshot`.
-// Right for the faces of work.measured(). Writes nothing but zeros where no pair of the city is compared. `sums` is
-// overwritten, its buffers are used again. Errors: as those of the pixels; CANCELLED follows `control`.
+// Right for the faces of work.measured(). Iterations leave the derivatives unchanged and the energies at -1 unless
+// package.has_pairs. `sums` is overwritten, its buffers are used again. Errors: as those of the pixels; CANCELLED
+// follows `control`.
 Status Measure(TileWorkspace& work, TileImages& images, const TileSnapshot& snapshot, const TileStep& at,
                const TileRefineOptions& options, const TaskControl& control, const Clock& clock, StepSums* sums);
 

@@ -44,7 +44,8 @@ std::vector<TileStep> TileStepsOf(const std::vector<RefineStep>& steps);
 // All methods share kernels, density, pairs, pyramid and iterations per round. They differ in:
 // - tessera: E_photo, E_contour, smoothness per class that spares creases; labels are also solved before the geometry.
 // - baseline: Vu et al. 2012. E_photo and one smoothness for all faces; labels are solved once, at the end.
-// - paper: Bláha et al. 2017. All four terms, no smoothness except E_inter, five rounds, the paper's label energy.
+// - paper: Bláha et al. 2017. All four terms; vertices with faces of several labels have no E_intra, only E_inter; five
+// rounds, the paper's label energy.
 //   Weights, steps and pairs are those of tessera, because the paper does not give them.
 // `classes`: smoothness per class, for methods that use labels. `parameters.settings` override the method's values.
 // INVALID_ARGUMENT for an unknown method and for settings out of range.

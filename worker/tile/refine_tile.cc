@@ -18,7 +18,7 @@ double ProgressShare(const TileStep& at) { return at.labels() ? 1 : std::pow(0.2
 
 std::string StepText(const TileStep& at) {
   if (at.labels()) return "labels";
-  return absl::StrCat("round ", at.step.round + 1, ", level ", at.step.level, ", step ", at.level_iteration + 1);
+  return absl::StrCat("round ", at.step.round + 1, ", level ", at.step.level, ", iteration ", at.level_iteration + 1);
 }
 
 }  // namespace

@@ -20,8 +20,8 @@ struct TileRefinement {
          seconds_labels = 0;
 };
 
-// Measure, Solve and Repair over `steps`, those of the job that act: the bytes that the same functions give as tasks of
-// several tiles. `work` must be whole. CANCELLED follows `control`.
+// Measure, Solve and Repair over `steps`, the active steps of the job (ActiveTileSteps). Gives the same bytes as the
+// tasks of several tiles. INVALID_ARGUMENT unless work.whole(). CANCELLED follows `control`.
 StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, const std::vector<TileStep>& steps,
                                     const TileRefineOptions& options, const TaskControl& control, const Clock& clock);
 

@@ -16,7 +16,8 @@
 namespace tessera {
 
 struct RepairDependencyRadius {
-  std::vector<int> rings;  // of SurfaceRepair's passes, the last first; one contact after each
+  std::vector<int> rings;  // rings read by each pass of SurfaceRepair, the last pass first;
+                           // after each also the faces that may touch those found
   int start_rings = 0;     // of the smoothed start, around all faces found so far
 };
 RepairDependencyRadius RepairDependencyRadiusOf(const StepperOptions& options);

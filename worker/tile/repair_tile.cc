@@ -31,7 +31,7 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
                             TileSnapshot* snapshot) {
   const TilePackage& package = work.package();
   CoreRepair repaired;
-  if (package.compares) {
+  if (package.has_pairs) {
     const RegionMesh& region = work.region(kRepairRegion);
     std::vector<Vector3d> good, positions = Pick(snapshot->positions, region.vertices);
     if (stage == RepairStage::kLevel) {

@@ -74,7 +74,7 @@ StatusOr<StepSums> AssembleSums(TileWorkspace& work, const std::vector<TileSums>
     TESSERA_ASSIGN_OR_RETURN(out.likelihoods, work.AssembleLikelihoods(tiles, at.region(), snapshot.frozen_faces));
     return out;
   }
-  if (!work.package().compares) return out;
+  if (!work.package().has_pairs) return out;
   TESSERA_ASSIGN_OR_RETURN(out.derivatives.photo.faces, work.AssemblePhoto(tiles, at.region(), snapshot.frozen_faces));
   TESSERA_ASSIGN_OR_RETURN(out.derivatives.contours, work.AssembleContours(tiles, at.region()));
   for (const TileSums& of_tile : tiles) {
@@ -96,7 +96,7 @@ void Solve(TileWorkspace& work, const TileStep& at, const StepSums& sums, const 
   json* of_round = RoundReport(at.step, &report);
   if (at.labels()) {
     SolveLabelStep(work, sums, options, snapshot, of_round);
-  } else if (work.package().compares) {
+  } else if (work.package().has_pairs) {
     SolveIteration(work, at, sums, options, snapshot, of_round);
   }
   snapshot->report = report.dump();

@@ -19,9 +19,8 @@ StatusOr<StepSums> AssembleSums(TileWorkspace& work, const std::vector<TileSums>
                                 const TileSnapshot& snapshot);
 
 // Takes the step: moves the vertices of at.region() or solves its labels, and adds energies and counts to the report of
-// `snapshot`. `sums`: an entry for each face of the region, in its order. Right for the core. Vertices stay where no
-// pair of the city is compared, because smoothness would act alone. Keeps nothing of a step but the workspace's
-// stepper.
+// `snapshot`. `sums`: an entry for each face of the region, in its order. Exact for the core only. No vertex moves
+// unless package.has_pairs, because smoothness would act alone. `work` keeps its cached stepper.
 void Solve(TileWorkspace& work, const TileStep& at, const StepSums& sums, const TileRefineOptions& options,
            TileSnapshot* snapshot);
 

@@ -135,7 +135,7 @@ Status WriteTilePackage(const std::string& path, const TilePackage& p) {
       {"up", VectorToJson(p.up)},
       {"has_likelihoods", p.has_likelihoods},
       {"has_labels", p.has_labels},
-      {"compares", p.compares},
+      {"compares", p.has_pairs},
       {"classes", json::parse(ClassesToJson(p.classes))},
       {"borders", json::parse(BordersToJson(p.borders))},
       {"views", json::parse(ViewsToJson(p.views))},
@@ -169,7 +169,7 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
     p.up = VectorFromJson(j.at("up"));
     p.has_likelihoods = j.at("has_likelihoods");
     p.has_labels = j.at("has_labels");
-    p.compares = j.at("compares");
+    p.has_pairs = j.at("compares");
     p.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
     p.view_ids = j.at("view_ids").get<std::vector<int32_t>>();
     for (const auto& r : j.at("view_rects").get<std::vector<std::array<int, 4>>>()) {

@@ -50,7 +50,7 @@ struct TilePackage {
   bool has_likelihoods = false;
   BorderTrusts borders;     // of the likelihoods (Survey)
   bool has_labels = false;  // whether the job's start has labels
-  bool compares = false;    // whether some cell of the city has both views of a pair; if not, no geometry moves
+  bool has_pairs = false;   // whether some cell of the city selects both views of a pair; if not, no vertex moves
 
   std::vector<SceneView> views;                    // selected by the core's cells, and their partners
   std::vector<int32_t> view_ids;                   // their indices in the survey

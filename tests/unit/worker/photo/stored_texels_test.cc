@@ -43,8 +43,8 @@ TEST(StoredTexels, LoadsAnyWindow) {
       for (const PixelRect& rect : {PixelRect{0, 0, 150, 90}, PixelRect{64, 0, 131, 77}, PixelRect{2, 64, 3, 90},
                                     PixelRect{-8, -64, 20, 12}, PixelRect{140, 80, 160, 100}}) {
         const int shift_x = 2 * static_cast<int>(random.Below(40)), shift_y = 2 * static_cast<int>(random.Below(40));
-        stored.CountedFrom(shift_x, shift_y)
-            .Bring({rect.x0 - shift_x, rect.y0 - shift_y, rect.x1 - shift_x, rect.y1 - shift_y}, &texels);
+        stored.WithOrigin(shift_x, shift_y)
+            .LoadWindow({rect.x0 - shift_x, rect.y0 - shift_y, rect.x1 - shift_x, rect.y1 - shift_y}, &texels);
         ASSERT_EQ(texels.width, rect.width());
         ASSERT_EQ(texels.height, rect.height());
         ASSERT_EQ(texels.x0, rect.x0 - shift_x);

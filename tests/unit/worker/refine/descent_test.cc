@@ -105,7 +105,7 @@ TEST(ComputeStep, MomentumActsOnlyWithDataEvidence) {
   options.min_turn_cosine = -1;  // no step is limited
   const Positions plain = ComputeStep(mesh, data, smooth, inter, guard, options);
   options.acceleration = {1.5, 0.8};
-  options.evidence = 2;
+  options.half_effect_curvature = 2;
   const Positions with = ComputeStep(mesh, data, smooth, inter, guard, options, last);
   const Positions first = ComputeStep(mesh, data, smooth, inter, guard, options);  // no previous step
   const double share = 3.0 / (3 + 2);                                              // the trace of the curvature

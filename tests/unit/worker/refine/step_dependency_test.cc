@@ -74,7 +74,7 @@ StepInput RandomStep(Random& random) {
   in.options.grid_m = Chance(random, 0.5) ? 0 : std::exp2(-static_cast<double>(random.Below(12)));
   in.options.max_step_m = Magnitude(random, 0.05, 5);
   if (Chance(random, 0.7)) in.options.acceleration = {random.Uniform(1, 2), random.Uniform()};
-  in.options.evidence = weight();
+  in.options.half_effect_curvature = weight();
   for (size_t v = 0; in.options.acceleration.momentum > 0 && v < n; ++v) {
     in.last.push_back((moved * RandomVector(random)).cast<float>());
   }

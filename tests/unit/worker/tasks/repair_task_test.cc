@@ -30,7 +30,7 @@ TilePackage Sheet() {
   p.tile = kOwnTile;
   p.ground = MakeGroundPlane(p.up, 1000);
   p.gsd_m = 0.5;
-  p.compares = true;
+  p.has_pairs = true;
   p.cell_at = {{0, 0}};
   p.cell_views.resize(1);
   for (uint32_t y = 0; y <= kWidth; ++y) {

@@ -48,7 +48,7 @@ TilePackage OnePackage() {
   p.gsd_m = 0.1;
   p.up = Eigen::Vector3d(1, 2, 3).normalized();
   p.classes.resize(2);
-  p.has_likelihoods = p.has_labels = p.compares = true;
+  p.has_likelihoods = p.has_labels = p.has_pairs = true;
   p.borders = BorderTrusts(2);
   p.borders.Set(0, 1, {-1.0 / 3, 0.7, 0.9});
   p.views.resize(2);
@@ -83,7 +83,7 @@ TEST(TileFiles, PackageRoundTrip) {
   EXPECT_EQ(read->gsd_m, p.gsd_m);
   EXPECT_EQ(read->up, p.up);
   EXPECT_EQ(read->classes.size(), 2u);
-  EXPECT_TRUE(read->has_likelihoods && read->has_labels && read->compares);
+  EXPECT_TRUE(read->has_likelihoods && read->has_labels && read->has_pairs);
   EXPECT_EQ(read->borders, p.borders);
   EXPECT_EQ(read->views[1].name, "second");
   EXPECT_EQ(read->view_ids, p.view_ids);
