@@ -2,7 +2,6 @@
 // projected into every view and compared by normalised cross-correlation.
 #pragma once
 
-#include <array>
 #include <span>
 #include <vector>
 

@@ -1,9 +1,7 @@
 #include "worker/changes/measure_changes.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 
 #include "worker/changes/block_labels.h"
 #include "worker/changes/ground_match.h"

@@ -1,7 +1,6 @@
 #include "worker/changes/outline.h"
 
 #include <algorithm>
-#include <cmath>
 #include <map>
 #include <set>
 #include <utility>

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <span>
-#include <vector>
 
 #include "common/geometry/mesh.h"
 #include "common/geometry/ray_caster.h"

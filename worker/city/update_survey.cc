@@ -1,8 +1,6 @@
 #include "worker/city/update_survey.h"
 
 #include <algorithm>
-#include <cmath>
-#include <iterator>
 #include <set>
 
 #include "absl/strings/str_cat.h"

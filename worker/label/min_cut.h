@@ -1,7 +1,6 @@
 // Minimum cuts of small graphs.
 #pragma once
 
-#include <cstdint>
 #include <vector>
 
 namespace tessera {

@@ -1,7 +1,6 @@
 #include "worker/label/unary.h"
 
 #include <algorithm>
-#include <cmath>
 
 namespace tessera {
 namespace {

@@ -1,7 +1,6 @@
 #include "worker/photo/data_term.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "worker/photo/contour_profile.h"

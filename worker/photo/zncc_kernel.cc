@@ -1,7 +1,6 @@
 #include "worker/photo/zncc_kernel.h"
 
 #include <algorithm>
-#include <cmath>
 #include <type_traits>
 
 // SSSE3 alone is not worth its code: such machines take the baseline.

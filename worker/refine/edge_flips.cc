@@ -7,7 +7,6 @@
 #include <numeric>
 #include <queue>
 #include <span>
-#include <utility>
 
 #include "absl/container/flat_hash_map.h"
 #include "worker/refine/self_intersection.h"

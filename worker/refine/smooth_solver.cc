@@ -3,7 +3,6 @@
 // result does not depend on the number of threads or tiles.
 #include <Eigen/Core>
 #include <algorithm>
-#include <cmath>
 #include <limits>
 #include <tuple>
 #include <utility>

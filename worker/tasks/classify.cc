@@ -9,7 +9,6 @@
 #include "common/imaging/image_io.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
-#include "common/scene/check.h"
 #include "common/storage/files.h"
 #include "worker/city/city_file.h"
 #include "worker/city/view_box.h"

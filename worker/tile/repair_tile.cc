@@ -1,7 +1,6 @@
 #include "worker/tile/repair_tile.h"
 
 #include <cmath>
-#include <utility>
 
 #include "common/base/pick.h"
 #include "worker/tile/regions.h"

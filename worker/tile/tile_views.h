@@ -1,7 +1,6 @@
 // The pixels of a tile's views: read, undistorted and cropped to the tile once, for all steps of its refinement.
 #pragma once
 
-#include <memory>
 #include <string>
 #include <vector>
 

@@ -1,7 +1,6 @@
 #include "worker/visibility/visible_cells.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "worker/visibility/parallel_for_each.h"
 #include "worker/visibility/rasterizer.h"
