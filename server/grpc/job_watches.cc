@@ -217,12 +217,12 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* JobWatches::Watching::Watch(grpc::Ca
   call->Hold(call);
   const Caller caller = access_.CallerOf(*context);
   auto ticket = limits_.Watch(caller.client);
-  Status begun = ticket.status();
+  Status status = ticket.status();
   if (ticket.ok()) {
     call->ticket = *std::move(ticket);
-    begun = BeginWatch(call, request);
+    status = BeginWatch(call, request);
   }
-  if (!begun.ok()) call->End(begun);
+  if (!status.ok()) call->End(status);
   return call.get();
 }
 
@@ -330,7 +330,7 @@ void JobWatches::Watching::Run() {
   Steady::time_point callers_checked = Steady::now();
   while (true) {
     version = core_.WaitForChange(version, end_waits ? kInterval_s : kIdle_s);
-    const Steady::time_point begun = Steady::now();
+    const Steady::time_point start = Steady::now();
     const double begun_cpu_s = CpuSecondsOfThread();
     if (core_.stopped()) {
       for (const auto& call : AllCalls()) call->End(Stops());
@@ -345,7 +345,7 @@ void JobWatches::Watching::Run() {
     const double round_s = std::max(kInterval_s, 2 * (CpuSecondsOfThread() - begun_cpu_s));
     std::unique_lock lock(mutex_);
     if (end_.wait_until(lock,
-                        begun + std::chrono::duration_cast<Steady::duration>(std::chrono::duration<double>(round_s)),
+                        start + std::chrono::duration_cast<Steady::duration>(std::chrono::duration<double>(round_s)),
                         [&] { return ends_; })) {
       return;
     }

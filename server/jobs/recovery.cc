@@ -77,13 +77,13 @@ Status Recovery::ReportLostInputs(const std::string& worker, const std::string& 
     TESSERA_RETURN_IF_ERROR(CheckCurrent(core_, ref, worker, attempt));
     return ref;
   };
-  std::set<std::string> told;
-  for (const Digest& digest : failure.lost_inputs) told.insert(digest.sha256);
+  std::set<std::string> reported;
+  for (const Digest& digest : failure.lost_inputs) reported.insert(digest.sha256);
   std::vector<Lost> inputs;
   {
     std::lock_guard lock(mutex_);
     TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, find());
-    inputs = LostInputsLocked(ref, told);
+    inputs = LostInputsLocked(ref, reported);
   }
   std::vector<std::pair<const Lost*, std::string>> lost;
   Status fault;

@@ -166,9 +166,9 @@ bool Journal::Store(const std::vector<Entry>& batch) {
     durability = std::max(durability, entry.durability);
   }
   for (auto pause = kFirstPause;; pause = std::min(2 * pause, kLongestPause)) {
-    const auto begun = std::chrono::steady_clock::now();
+    const auto start = std::chrono::steady_clock::now();
     const Status status = store_->Append(records, durability);
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     std::unique_lock lock(mutex_);
     CountLocked(records.size(), durability, seconds, status);
     const bool changed = trouble_.ok() != status.ok();
