@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "absl/strings/match.h"
-#include "absl/strings/str_cat.h"
 #include "server/plan/graph.h"
 #include "server/plan/rollback.h"
 
@@ -68,16 +67,8 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
       return absl::InternalError(base.name + ": " + file.name + " is missing from the update's files");
     files.carried[file.name] = name->second;
   }
-  PlannedTask taken, update;
-  taken.kind = kBaseKind;
-  taken.name = absl::StrCat(kBaseKind, " ", base.name);
-  taken.given.Edit() = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
-  for (size_t t = 0; t < base.tiles.size(); ++t) {
-    if (base.tiles[t].core.empty()) continue;
-    taken.given.Edit().push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
-  }
-  if (base.outdated) taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
-  if (base.borders) taken.given.Edit().push_back({kBordersFile, *base.borders});
+  PlannedTask taken = BaseTask(base, {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}});
+  PlannedTask update;
   bool other_mesh = false;  // the scene may have a new mesh
   update.kind = update.name = kUpdateKind;
   update.parameters =

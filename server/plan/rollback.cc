@@ -81,12 +81,22 @@ StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain,
                    job.name, " --to ", earlier.name, " --tile ", absl::StrJoin(all, " --tile ")));
 }
 
+PlannedTask BaseTask(const UpdateBase& base, std::vector<NamedDigest> first) {
+  PlannedTask task;
+  task.kind = kBaseKind;
+  task.name = absl::StrCat(kBaseKind, " ", base.name);
+  for (size_t t = 0; t < base.tiles.size(); ++t) {
+    if (base.tiles[t].core.empty()) continue;
+    first.push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
+  }
+  if (base.outdated) first.push_back({kOutdatedFile, *base.outdated});
+  if (base.borders) first.push_back({kBordersFile, *base.borders});
+  task.given.Edit() = std::move(first);
+  return task;
+}
+
 StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(base.survey_json));
-  PlannedTask taken;
-  taken.kind = kBaseKind;
-  taken.name = absl::StrCat(kBaseKind, " ", base.name);
-  taken.given.Edit() = {{kSurveyFile, base.survey}, {kPlainSurveyFile, base.plain}, {kCityFile, base.city}};
   PublishParameters parameters;
   parameters.tiles = base.tiles;
   parameters.scene_name = survey.scene_name;
@@ -96,20 +106,17 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
   publish.kind = publish.name = kPublishKind;
   SetCost(PredictPublish(survey), &publish);
   publish.inputs = {{TaskId(0), kCityFile}, {TaskId(0), kPlainSurveyFile}};
-  for (size_t t = 0; t < base.tiles.size(); ++t) {
-    const int tile = base.tiles[t].tile;
-    if (base.tiles[t].core.empty()) continue;
-    taken.given.Edit().push_back({TileInputName(tile, kStateFile), base.states[t]});
-    publish.inputs.push_back({TaskId(0), TileInputName(tile, kStateFile)});
+  for (const TileParameters& tile : base.tiles) {
+    if (!tile.core.empty()) publish.inputs.push_back({TaskId(0), TileInputName(tile.tile, kStateFile)});
   }
-  if (base.outdated) {  // a rollback does not change which faces are outdated
-    taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
-    publish.inputs.push_back({TaskId(0), kOutdatedFile});
-  }
-  if (base.borders) taken.given.Edit().push_back({kBordersFile, *base.borders});  // for a later update of this job
+  // A rollback does not change which faces are outdated.
+  if (base.outdated) publish.inputs.push_back({TaskId(0), kOutdatedFile});
   parameters.outdated = base.outdated.has_value();
   publish.parameters = ToJson(parameters);
-  return std::vector<PlannedTask>{std::move(taken), std::move(publish)};
+  // Contains the class borders for a later update of this job.
+  return std::vector<PlannedTask>{
+      BaseTask(base, {{kSurveyFile, base.survey}, {kPlainSurveyFile, base.plain}, {kCityFile, base.city}}),
+      std::move(publish)};
 }
 
 }  // namespace tessera

@@ -21,6 +21,9 @@ namespace tessera {
 StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain, const Survey& survey,
                                            const std::vector<int>& named);
 
+// The task that passes on results of `base`: `first`, the states of its tiles, its outdated faces and class borders.
+PlannedTask BaseTask(const UpdateBase& base, std::vector<NamedDigest> first);
+
 // All tasks of a rollback. `base`: the base job, with the states of the restored tiles replaced by those of the earlier
 // job.
 StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base);
