@@ -1,7 +1,8 @@
 #include "common/base/printable.h"
 
 #include <cstdint>
-#include <cstdio>
+
+#include "absl/strings/str_format.h"
 
 namespace tessera {
 namespace {
@@ -43,27 +44,23 @@ bool IsHidden(uint32_t code) {
   return false;
 }
 
-void AddHex(std::string& to, const char* format, uint32_t code) {
-  char text[16];
-  std::snprintf(text, sizeof(text), format, code);
-  to += text;
-}
-
 std::string Escaped(std::string_view text, bool keep_lines) {
   std::string out;
   out.reserve(text.size());
   while (!text.empty()) {
     const Character character = First(text);
     if (!character.valid) {
-      AddHex(out, "\\x%02x", static_cast<unsigned char>(text[0]));
+      absl::StrAppendFormat(&out, "\\x%02x", static_cast<unsigned char>(text[0]));
     } else if (character.code == '\n' && !keep_lines) {
       out += "\\n";
     } else if (character.code == '\t' && !keep_lines) {
       out += "\\t";
     } else if (character.code == '\n' || character.code == '\t' || !IsHidden(character.code)) {
       out += text.substr(0, character.bytes);
+    } else if (character.code < 0x80) {
+      absl::StrAppendFormat(&out, "\\x%02x", character.code);
     } else {
-      AddHex(out, character.code < 0x80 ? "\\x%02x" : "\\u%04x", character.code);
+      absl::StrAppendFormat(&out, "\\u%04x", character.code);
     }
     text.remove_prefix(character.bytes);
   }
@@ -90,10 +87,10 @@ std::string JsonQuoted(std::string_view text) {
     } else if (!IsHidden(character.code)) {
       out += text.substr(0, character.bytes);
     } else if (character.code < 0x10000) {
-      AddHex(out, "\\u%04x", character.code);
-    } else {
-      AddHex(out, "\\u%04x", 0xD800 + ((character.code - 0x10000) >> 10));
-      AddHex(out, "\\u%04x", 0xDC00 + ((character.code - 0x10000) & 0x3FF));
+      absl::StrAppendFormat(&out, "\\u%04x", character.code);
+    } else {  // a surrogate pair
+      absl::StrAppendFormat(&out, "\\u%04x\\u%04x", 0xD800 + ((character.code - 0x10000) >> 10),
+                            0xDC00 + ((character.code - 0x10000) & 0x3FF));
     }
     text.remove_prefix(character.bytes);
   }

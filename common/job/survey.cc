@@ -104,7 +104,7 @@ StatusOr<Value> Parse(const std::string& text, const std::string& what, const Co
 }
 
 template <class Value>
-StatusOr<Value> Parse(const std::string& text, const std::string& what) {
+StatusOr<Value> ParsePart(const std::string& text, const std::string& what) {
   return Parse<Value>(text, what, [](const json& j) { return j.get<Value>(); });
 }
 
@@ -307,7 +307,7 @@ std::string SurveyToJson(const Survey& s) {
 }
 
 StatusOr<Survey> ParseSurvey(const std::string& text) {
-  TESSERA_ASSIGN_OR_RETURN(Survey survey, Parse<Survey>(text, "survey"));
+  TESSERA_ASSIGN_OR_RETURN(Survey survey, ParsePart<Survey>(text, "survey"));
   TESSERA_RETURN_IF_ERROR(CheckCells(survey));
   return survey;
 }
@@ -315,7 +315,7 @@ StatusOr<Survey> ParseSurvey(const std::string& text) {
 std::string ViewsToJson(const std::vector<SceneView>& views) { return json(views).dump(); }
 
 StatusOr<std::vector<SceneView>> ParseViews(const std::string& text) {
-  return Parse<std::vector<SceneView>>(text, "views");
+  return ParsePart<std::vector<SceneView>>(text, "views");
 }
 
 std::string BordersToJson(const BorderTrusts& borders) { return BorderArray(borders).dump(); }
@@ -328,7 +328,7 @@ StatusOr<BorderTrusts> ParseBorders(const std::string& text, size_t classes) {
 std::string ClassesToJson(const std::vector<SceneClass>& classes) { return json(classes).dump(); }
 
 StatusOr<std::vector<SceneClass>> ParseClasses(const std::string& text) {
-  return Parse<std::vector<SceneClass>>(text, "classes");
+  return ParsePart<std::vector<SceneClass>>(text, "classes");
 }
 
 }  // namespace tessera

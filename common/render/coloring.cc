@@ -67,7 +67,7 @@ SurfaceColor DisplacementColor(const TriangleMesh& reference, const NearestSurfa
 double DisplacementRange(const TriangleMesh& mesh, const NearestSurface& reference) {
   std::vector<std::pair<double, double>> distance_and_area(mesh.faces.size());
   ParallelForEach(mesh.faces.size(), 1024, [&](size_t f) {
-    const Eigen::Vector3d centre = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
+    const Eigen::Vector3d centre = MeshSpans(mesh).Centroid(f);
     distance_and_area[f] = {reference.Find(centre).distance_m, FaceArea(mesh, f)};
   });
   std::sort(distance_and_area.begin(), distance_and_area.end());

@@ -10,10 +10,6 @@
 namespace tessera {
 namespace {
 
-Eigen::Vector3d Centroid(const TriangleMesh& mesh, int64_t face) {
-  return (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
-}
-
 bool Faces(const TriangleMesh& mesh, int64_t face, const Eigen::Vector3d& centre) {
   return FaceCross(mesh, face).dot(mesh.Corner(face, 0) - centre) < 0;
 }
@@ -35,7 +31,7 @@ ViewVisibility VisibilityOf(const SceneView& view, const TriangleMesh& mesh, con
   // No ray of the grid hit the mesh; it may be small in the image, so test all faces.
   bool back_in_frustum = false;
   for (int64_t face = 0; face < static_cast<int64_t>(mesh.faces.size()); ++face) {
-    if (!view.camera.InImage(view.camera.Project(Centroid(mesh, face)))) continue;
+    if (!view.camera.InImage(view.camera.Project(MeshSpans(mesh).Centroid(face)))) continue;
     if (Faces(mesh, face, centre)) return ViewVisibility::kGood;
     back_in_frustum = true;
   }
@@ -62,7 +58,7 @@ StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const Triangle
     int64_t chunk_unseen = 0, chunk_under_three = 0;
     for (int64_t i = begin; i < end; ++i) {
       const int64_t face = i * stride;
-      const Eigen::Vector3d centroid = Centroid(mesh, face);
+      const Eigen::Vector3d centroid = MeshSpans(mesh).Centroid(face);
       int seen = 0;
       for (int64_t v = 0; v < views && seen < 3; ++v) {
         const PosedCamera& camera = scene.views[v].camera;

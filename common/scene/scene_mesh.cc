@@ -58,7 +58,7 @@ StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& me
   std::vector<std::vector<double>> chunks((samples + kGrain - 1) / kGrain);
   ParallelForEach(samples, kGrain, [&](int64_t i) {
     const int64_t face = i * faces / samples;
-    const Eigen::Vector3d centroid = (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
+    const Eigen::Vector3d centroid = MeshSpans(mesh).Centroid(face);
     const Eigen::Vector3d normal = FaceCross(mesh, face);
     for (const SceneView& view : scene.views) {
       const Eigen::Vector3d projected = view.camera.Project(centroid);

@@ -1,9 +1,9 @@
 #include "server/tesserad/logging.h"
 
 #include <cmath>
-#include <string_view>
 #include <utility>
 
+#include "absl/strings/strip.h"
 #include "server/leases/worker_evidence.h"
 #include "server/ledger/changed_task.h"
 #include "tessera/v1/records.pb.h"
@@ -20,12 +20,6 @@ LogFields FieldsOf(const std::string& name, int attempt, const ChangedTask& task
   if (!task.worker.empty()) fields.emplace_back("worker", task.worker);
   if (!task.kind.empty()) fields.emplace_back("kind", task.kind);
   return fields;
-}
-
-// An enum value's name without its type prefix.
-std::string Without(std::string_view type, std::string name) {
-  if (name.starts_with(type)) name.erase(0, type.size());
-  return name;
 }
 
 }  // namespace
@@ -56,7 +50,8 @@ void LogRecord(const v1::Record& record, const ChangedTask& task) {
       LogFields fields = FieldsOf(change.task(), change.attempt(), task);
       fields.emplace_back("class", change.lease_expired()
                                        ? "LEASE_EXPIRED"
-                                       : Without("ERROR_CLASS_", v1::ErrorClass_Name(change.error().error_class())));
+                                       : std::string(absl::StripPrefix(
+                                             v1::ErrorClass_Name(change.error().error_class()), "ERROR_CLASS_")));
       fields.emplace_back("error", change.error().message());
       return LogEvent(change.final() ? LogLevel::kError : LogLevel::kWarning,
                       change.final() ? "task failed" : "attempt failed", fields);
@@ -65,7 +60,7 @@ void LogRecord(const v1::Record& record, const ChangedTask& task) {
       const auto& change = record.job_ended();
       return LogEvent(change.state() == v1::JOB_STATE_FAILED ? LogLevel::kError : LogLevel::kInfo, "job ended",
                       {{"job", change.job()},
-                       {"state", Without("JOB_STATE_", v1::JobState_Name(change.state()))},
+                       {"state", std::string(absl::StripPrefix(v1::JobState_Name(change.state()), "JOB_STATE_"))},
                        {"error", change.error()}});
     }
     case v1::Record::kJobChanged: {
