@@ -138,8 +138,8 @@ StatusOr<int> Run(const RunFlags& flags) {
   display.Finish();
   // Close the connection before the coordinator stops, which otherwise waits for it. If a call hangs, the coordinator's
   // end terminates it.
-  const int64_t patience_us = clock.MonotonicUs() + static_cast<int64_t>(kCancelSeconds * 1e6);
-  while (Interrupts() < 2 && clock.MonotonicUs() < patience_us && !job->Wait(kRunPollSeconds).ended) {
+  const int64_t deadline_us = clock.MonotonicUs() + static_cast<int64_t>(kCancelSeconds * 1e6);
+  while (Interrupts() < 2 && clock.MonotonicUs() < deadline_us && !job->Wait(kRunPollSeconds).ended) {
   }
   if (job->Wait(0).ended) job.reset();
   cluster->Stop(LocalCluster::kStopSeconds, InterruptibleSleep(2));

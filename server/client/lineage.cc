@@ -109,7 +109,7 @@ StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain) {
   for (const TileParameters& tile : chain.front().tiles) {
     if (tile.core.empty()) continue;  // the update removed the tile
     TileLineage traced = {tile, 0, {}, std::nullopt};
-    const LineageJob* heir = nullptr;  // inherited the tile from the next job
+    const LineageJob* inheritor = nullptr;  // the job before in the chain, which inherited the tile
     while (traced.made_by < chain.size()) {
       const LineageJob& job = chain[traced.made_by];
       const auto made = job.made.find(tile.tile), inherited = job.inherited.find(tile.tile);
@@ -119,13 +119,13 @@ StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain) {
             absl::StrCat(job.name, ": tile ", tile.tile, " has no state, neither refined nor inherited"));
       }
       traced.state = here ? made->second : inherited->second;
-      if (heir != nullptr && !(heir->inherited.at(tile.tile) == traced.state)) {
-        return absl::DataLossError(absl::StrCat(heir->name, ": inherited tile ", tile.tile, " with the state ",
-                                                heir->inherited.at(tile.tile).sha256, ", but ", job.name, " has ",
+      if (inheritor != nullptr && !(inheritor->inherited.at(tile.tile) == traced.state)) {
+        return absl::DataLossError(absl::StrCat(inheritor->name, ": inherited tile ", tile.tile, " with the state ",
+                                                inheritor->inherited.at(tile.tile).sha256, ", but ", job.name, " has ",
                                                 traced.state.sha256));
       }
       if (here) break;
-      heir = &job;
+      inheritor = &job;
       traced.made_by = InheritedFrom(chain, traced.made_by, tile.tile);
     }
     if (traced.made_by == chain.size()) {

@@ -72,10 +72,7 @@ struct LocalJob::Impl {
     if (!HasResult(job.state())) return absl::OkStatus();
     TaskControl control;
     control.cancelled = [this] { return broken_off.load(); };
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> written,
-                             FetchArtifacts(*connection, job, out, staging, control));
-    Update([&](LocalJobState& to) { to.written = written; });
-    return absl::OkStatus();
+    return FetchArtifacts(*connection, job, out, staging, control).status();
   }
 };
 

@@ -4,7 +4,6 @@
 
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "common/base/status.h"
 #include "server/client/connection.h"
@@ -19,7 +18,6 @@ struct LocalJobState {
   bool failed_for_input = false;                       // the job failed because its input is wrong
   std::shared_ptr<const v1::Job> job;                  // as last known; null before it was accepted
   std::shared_ptr<const v1::WatchJobResponse> update;  // the newest update; null if there is none since the last Wait
-  std::vector<std::string> written;                    // paths of the results
 };
 
 class LocalJob {

@@ -11,6 +11,8 @@ struct MetricFamily;
 
 namespace tessera {
 
+// All metrics. Labels have a fixed set of values (kinds, classes, states, methods, codes); no label holds a name that a
+// user chose. Every family is present from the start.
 std::vector<prometheus::MetricFamily> Families(const MetricSources& sources);
 
 }  // namespace tessera

@@ -3,7 +3,6 @@
 #include <prometheus/collectable.h>
 #include <prometheus/exposer.h>
 #include <prometheus/metric_family.h>
-#include <prometheus/text_serializer.h>
 
 #include <algorithm>
 #include <exception>
@@ -44,10 +43,6 @@ struct MetricsServer::Impl {
   std::string address;
   std::unique_ptr<prometheus::Exposer> exposer;
 };
-
-std::string MetricsText(const MetricSources& sources) {
-  return prometheus::TextSerializer().Serialize(Families(sources));
-}
 
 MetricsServer::MetricsServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 MetricsServer::~MetricsServer() = default;

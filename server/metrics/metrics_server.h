@@ -20,11 +20,7 @@ struct MetricSources {
   const RpcCounts* rpcs = nullptr;
 };
 
-// All metrics in Prometheus' text format. Labels have a fixed set of values (kinds, classes, states, methods, codes);
-// no label holds a name that a user chose. Every family is present from the start.
-std::string MetricsText(const MetricSources& sources);
-
-// Serves MetricsText at http://ADDRESS/metrics, without authentication.
+// Serves all metrics in Prometheus' text format at http://ADDRESS/metrics, without authentication.
 class MetricsServer {
  public:
   // `address`: "host:port"; port 0: any free port. INVALID_ARGUMENT if malformed, UNAVAILABLE if it cannot listen

@@ -1,6 +1,8 @@
 // Metrics of a coordinator after a known sequence of steps.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <prometheus/metric_family.h>
+#include <prometheus/text_serializer.h>
 
 #include <cmath>
 #include <cstdio>
@@ -10,6 +12,7 @@
 #include <sstream>
 #include <utility>
 
+#include "server/metrics/metric_families.h"
 #include "server/metrics/metrics_server.h"
 #include "tests/support/fake_coordinator.h"
 #include "tests/support/http_get.h"
@@ -27,7 +30,7 @@ class MetricsTest : public CoordinatorTest {
     sources_.free_bytes = [] { return std::optional<int64_t>(123456789); };
     sources_.rpcs = &rpcs_;
   }
-  std::string Text() const { return MetricsText(sources_); }
+  std::string Text() const { return prometheus::TextSerializer().Serialize(Families(sources_)); }
   // The value of the sample written so, labels included; NaN if there is none.
   double Value(const std::string& sample) const {
     std::istringstream text(Text());
