@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/base/parallel.h"
 #include "worker/changes/block_labels.h"
 #include "worker/changes/ground_match.h"
 #include "worker/changes/surface_raster.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "common/base/parallel.h"
 #include "worker/city/view_box.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

@@ -4,11 +4,11 @@
 #include <numeric>
 #include <utility>
 
+#include "common/base/parallel.h"
 #include "worker/city/disk_mesh.h"
 #include "worker/city/id_merge.h"
 #include "worker/city/view_box.h"
 #include "worker/refine/submesh.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

@@ -5,9 +5,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "common/base/parallel.h"
 #include "worker/city/collected_faces.h"
 #include "worker/city/view_box.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

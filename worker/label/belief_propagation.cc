@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/base/parallel.h"
 #include "worker/label/block_descent.h"
 #include "worker/label/label_field.h"
 #include "worker/label/messages.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

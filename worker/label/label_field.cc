@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "worker/visibility/parallel_for_each.h"
+#include "common/base/parallel.h"
 
 namespace tessera {
 namespace {

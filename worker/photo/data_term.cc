@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/base/parallel.h"
 #include "worker/photo/contour_profile.h"
 #include "worker/visibility/image_window.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

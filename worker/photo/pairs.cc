@@ -8,7 +8,7 @@
 #include <set>
 #include <utility>
 
-#include "worker/visibility/parallel_for_each.h"
+#include "common/base/parallel.h"
 
 namespace tessera {
 namespace {

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "common/base/parallel.h"
-#include "worker/visibility/parallel_for_each.h"
 #include "worker/visibility/visible_cells.h"
 
 namespace tessera {

@@ -4,7 +4,6 @@
 #include <limits>
 
 #include "common/base/parallel.h"
-#include "worker/visibility/parallel_for_each.h"
 #include "worker/visibility/view_groups.h"
 
 namespace tessera {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "worker/visibility/parallel_for_each.h"
+#include "common/base/parallel.h"
 
 namespace tessera {
 namespace {

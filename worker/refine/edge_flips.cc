@@ -9,9 +9,9 @@
 #include <span>
 
 #include "absl/container/flat_hash_map.h"
+#include "common/base/parallel.h"
 #include "worker/refine/self_intersection.h"
 #include "worker/refine/submesh.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

@@ -9,7 +9,6 @@
 
 #include "common/base/parallel.h"
 #include "worker/refine/one_rings.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

@@ -12,7 +12,6 @@
 
 #include "common/base/parallel.h"
 #include "worker/refine/morton.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

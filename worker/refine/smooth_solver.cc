@@ -7,10 +7,10 @@
 #include <tuple>
 #include <utility>
 
+#include "common/base/parallel.h"
 #include "worker/refine/inter_term.h"
 #include "worker/refine/morton.h"
 #include "worker/refine/smooth_term.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

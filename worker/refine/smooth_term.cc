@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

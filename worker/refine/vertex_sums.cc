@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "worker/visibility/parallel_for_each.h"
+#include "common/base/parallel.h"
 
 namespace tessera {
 namespace {

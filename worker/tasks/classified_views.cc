@@ -1,12 +1,12 @@
 #include "worker/tasks/classified_views.h"
 
 #include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
 #include "common/classify/model.h"
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
 #include "common/storage/hash.h"
 #include "worker/tasks/task_functions.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 

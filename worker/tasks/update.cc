@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
 #include "common/geometry/repair.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
@@ -16,7 +17,6 @@
 #include "worker/city/update_survey.h"
 #include "worker/tasks/classified_views.h"
 #include "worker/tasks/task_functions.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "common/base/parallel.h"
-#include "worker/visibility/parallel_for_each.h"
 #include "worker/visibility/raster_kernel.h"
 #include "worker/visibility/unbounded_face.h"
 

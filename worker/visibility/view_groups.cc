@@ -4,7 +4,6 @@
 #include <limits>
 
 #include "common/base/parallel.h"
-#include "worker/visibility/parallel_for_each.h"
 
 namespace tessera {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "worker/visibility/parallel_for_each.h"
+#include "common/base/parallel.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
