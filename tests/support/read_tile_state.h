@@ -1,4 +1,4 @@
-// A tile's state file as a value.
+// A tile's state as a value, from its file and as a view.
 #pragma once
 
 #include <span>
@@ -28,6 +28,11 @@ inline StatusOr<TileState> ReadTileState(const std::string& path) {
   copy(from.confidence, &state.confidence);
   state.report = from.report;
   return state;
+}
+
+// `s` must outlive the result.
+inline StateSpans SpansOf(const TileState& s) {
+  return {s.tile, s.vertex_ids, s.face_ids, s.positions, s.level_start, s.last_step, s.labels, s.confidence, s.report};
 }
 
 }  // namespace tessera

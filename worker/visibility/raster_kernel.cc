@@ -1,6 +1,5 @@
 #include "worker/visibility/raster_kernel.h"
 
-
 // No gain from wider vectors.
 #define HWY_DISABLED_TARGETS (HWY_AVX3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/read_tile_state.h"
 #include "tests/unit/worker/tile/tiny_city.h"
 
 namespace tessera {
@@ -10,7 +11,7 @@ namespace {
 
 std::vector<StateSpans> SpansOf(const std::vector<TileState>& states) {
   std::vector<StateSpans> spans;
-  for (const TileState& state : states) spans.emplace_back(state);
+  for (const TileState& state : states) spans.push_back(SpansOf(state));
   return spans;
 }
 

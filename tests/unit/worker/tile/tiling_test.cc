@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "tests/support/read_city.h"
+#include "tests/support/read_tile_state.h"
 #include "tests/unit/worker/tile/tiny_city.h"
 #include "worker/publish/job_summary.h"
 #include "worker/publish/merge_cores.h"
@@ -32,10 +33,6 @@ std::vector<TileState> StatesOf(const std::vector<CutResult>& cuts) {
   std::vector<TileState> states;
   for (const CutResult& cut : cuts) states.push_back(StateOf(cut.package, StandStill));
   return states;
-}
-
-StateSpans SpansOf(const TileState& s) {
-  return {s.tile, s.vertex_ids, s.face_ids, s.positions, s.level_start, s.last_step, s.labels, s.confidence, s.report};
 }
 
 Status MergeInto(const CityReader& city, const std::vector<TileState>& cores, TriangleMesh* merged) {
