@@ -73,7 +73,7 @@ void PrintChanges(const SynthReport& r) {
   if (r.start_faces > 0) PrintRow("faces, start", absl::StrCat(r.start_faces));
   absl::PrintF("changes\n");
   for (size_t k = 0; k < r.changes.size(); ++k) {
-    PrintRow(absl::StrCat("  ", ChangeName(static_cast<ChangeKind>(k))), absl::StrCat(r.changes[k]));
+    PrintRow(absl::StrCat("  ", ChangeKindName(static_cast<ChangeKind>(k))), absl::StrCat(r.changes[k]));
   }
   PrintRow("likelihoods, argmax accuracy", absl::StrFormat("%.3f (.85-.90)", r.likelihood_accuracy));
 }
