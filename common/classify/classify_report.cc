@@ -15,7 +15,7 @@ using OrderedJson = nlohmann::ordered_json;
 constexpr size_t kShownImages = 3;
 
 std::string Title(size_t evidence) {
-  return evidence == 0 ? "appearance only (used for geometry)" : "appearance and start mesh (used for labels)";
+  return evidence == 0 ? "appearance only (for comparison)" : "appearance and start mesh (read by jobs)";
 }
 
 // Rows are annotated classes; values are shares of the row.

@@ -21,8 +21,9 @@ namespace tessera {
 // pointers must outlive the call.
 struct ClassifierSelection {
   const ClassifierModel* model = nullptr;
-  const DefaultRule* rule = nullptr;           // writes only Evidence::kGeometry
-  const TrainedClassifier* trained = nullptr;  // classifies annotated areas with the fold that did not train on them
+  const DefaultRule* rule = nullptr;  // writes only Evidence::kGeometry
+  const TrainedClassifier* trained =
+      nullptr;  // classifies annotated areas with the trees of the fold in which they were held out
   const Annotations* annotations = nullptr;
   std::vector<int> class_of_scene;  // model class of each scene class; empty: equal order
 };
@@ -40,9 +41,9 @@ struct ClassifiedScene {
   int64_t pixels = 0;
 };
 
-// The likelihoods of one view (Evidence::kGeometry; kAppearance if `surface` is null): one plane per class, values 1 to
-// 255, in the distorted image. Needs about 130 bytes per pixel. Uses all threads; the result does not depend on their
-// number. Errors of reading the image.
+// The likelihoods of one view (Evidence::kGeometry; kAppearance with a model and a null `surface`): one plane per
+// class, values 1 to 255, in the distorted image. Needs about 130 bytes per pixel. Uses all threads; the result does
+// not depend on their number. Errors of reading the image.
 StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface* surface,
                                  const ClassifierSelection& classifier);
 

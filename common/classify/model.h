@@ -11,8 +11,8 @@
 
 namespace tessera {
 
-// The inputs of a likelihood: colour and texture (kAppearance, used for geometry), or also the start mesh (kGeometry,
-// used for labels).
+// The inputs of a likelihood: colour and texture (kAppearance, for comparison), or also the start mesh (kGeometry,
+// which jobs read).
 enum class Evidence { kAppearance = 0, kGeometry = 1 };
 inline constexpr std::array<const char*, 2> kEvidenceNames = {"appearance", "geometry"};
 

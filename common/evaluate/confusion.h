@@ -6,7 +6,8 @@
 
 namespace tessera {
 
-// Counts of (class in the truth, class in the result). A result outside [0, classes) means "no label" and is an error.
+// Counts of (class in the truth, class in the result). A result outside [0, classes) means "no label" and counts as
+// wrong.
 class ConfusionMatrix {
  public:
   explicit ConfusionMatrix(int classes = 0);

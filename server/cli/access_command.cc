@@ -85,7 +85,7 @@ Status MakeTokens(const AccessFlags& flags) {
     const std::vector<std::string> parts = absl::StrSplit(asked, ':');
     const auto role = parts.size() == 2 ? ParseRole(parts[1]) : std::nullopt;
     if (!role) {
-      return InputError("token", "", "'" + asked + "'", "NAME:ROLE, ROLE viewer, submitter, worker or admin");
+      return InputError("token", "", "'" + asked + "'", "NAME:ROLE, where ROLE is viewer, submitter, worker or admin");
     }
     const std::string token = RandomSecret();
     const int64_t expires_us = flags.days > 0 ? (Now_s() + flags.days * kDay_s) * 1'000'000 : 0;

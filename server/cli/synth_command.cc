@@ -139,8 +139,9 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<SynthArguments>();
   command->add_option("CITY", arguments->folder, "Folder to write the scene into")->required();
   CLI::App* epoch = command->add_option_group("Later epoch", "Make a later epoch of an existing city");
-  CLI::Option* change = epoch->add_option("--change", arguments->later.base_folder,
-                                          "Base city: make it one year later, with changed objects and new images");
+  CLI::Option* change =
+      epoch->add_option("--change", arguments->later.base_folder,
+                        "Existing city: write the same city one year later, with changed objects and new images");
   epoch
       ->add_option("--part", arguments->part,
                    "Covered rectangle X0,Y0,X1,Y1 as fractions of the extent (default 0.3,0.3,0.7,0.7)")

@@ -25,12 +25,12 @@ struct CommandGroup {
 
 const std::vector<CommandGroup>& Groups() {
   static const std::vector<CommandGroup> groups = {
-      {"Scene", {AddSynthCommand, AddCheckCommand, AddClassifyCommand, AddPlanCommand}},
+      {"Scene", {AddCheckCommand, AddSynthCommand, AddClassifyCommand, AddEvaluateCommand, AddRenderCommand}},
       {"Jobs",
-       {AddRunCommand, AddSubmitCommand, AddUpdateCommand, AddRollbackCommand, AddJobsCommand, AddWatchCommand,
+       {AddRunCommand, AddPlanCommand, AddSubmitCommand, AddUpdateCommand, AddJobsCommand, AddWatchCommand,
         AddPriorityCommand, AddPauseCommand, AddResumeCommand, AddRetryCommand, AddCancelCommand, AddDeleteCommand}},
       {"Cluster", {AddAccessCommand}},
-      {"Data", {AddFetchCommand, AddLineageCommand, AddEvaluateCommand, AddRenderCommand}}};
+      {"Data", {AddFetchCommand, AddLineageCommand, AddRollbackCommand}}};
   return groups;
 }
 

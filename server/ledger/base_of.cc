@@ -97,7 +97,7 @@ StatusOr<std::vector<UpdateBase>> ChainTo(const Ledger& ledger, const std::strin
   }
   return InputError(
       "rollback", "", earlier,
-      passed.empty() ? name + " to have a base job: it has none" : "a base job of " + name + ": " + passed);
+      passed.empty() ? name + " to have a base job, but it has none" : "a base job of " + name + ": " + passed);
 }
 
 }  // namespace tessera

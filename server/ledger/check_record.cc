@@ -70,9 +70,9 @@ Status CheckPlanned(const Ledger& ledger, const v1::TasksPlanned& change) {
   if (change.tasks().empty()) return absl::InvalidArgumentError("the plan has no tasks");
   int count = static_cast<int>(job.tasks.size());
   if (change.first_task() != count && (job.open_plan < 0 || change.first_task() != job.open_plan)) {
-    return absl::FailedPreconditionError("plan of " + change.job() + " from task " +
-                                         std::to_string(change.first_task()) + ", expected from task " +
-                                         std::to_string(count));
+    return absl::FailedPreconditionError(
+        "plan of " + change.job() + " from task " + std::to_string(change.first_task()) + ", expected from task " +
+        std::to_string(count) + (job.open_plan < 0 ? "" : " or " + std::to_string(job.open_plan)));
   }
   count = change.first_task();
   std::set<int> superseded;
@@ -304,9 +304,9 @@ Status CheckSameAsBefore(const JobTask& target, const std::vector<NamedDigest>& 
                                   [&](const NamedDigest& output) { return output.name == before.name; });
     if (now != outputs.end() && now->digest == before.digest()) continue;
     return absl::FailedPreconditionError(
-        "'" + target.plan.name + "' was recomputed with another result, but the first was already read: output " +
-        before.name.str() + ": found " + (now == outputs.end() ? "none" : now->digest.sha256) + ", expected " +
-        before.sha256.Hex());
+        "'" + target.plan.name + "' was recomputed with another result, expected the same bytes as before: output " +
+        before.name.str() + ": found " + (now == outputs.end() ? "no such output" : now->digest.sha256) +
+        ", expected " + before.sha256.Hex());
   }
   return absl::OkStatus();
 }

@@ -50,7 +50,8 @@ StatusOr<std::vector<BlobEntry>> Reclaimer::RemoveBlobs(const std::vector<BlobEn
         const BlobEntry& file = files[next];
         {
           std::lock_guard lock(mutex_);
-          if (!core_.blob_use().since.started()) return absl::FailedPreconditionError("references were not collected");
+          if (!core_.blob_use().since.started())
+            return absl::FailedPreconditionError("cannot remove blobs: CollectReferences has not run since the start");
           if (file.kind == BlobEntry::Kind::kBlob && core_.blob_use().since.Contains(file.sha256)) continue;
         }
         StatusOr<BlobStore::FreeBytes> out = environment_.blobs->Remove(file);

@@ -86,7 +86,7 @@ void LogRecord(const v1::Record& record, const ChangedTask& task) {
       const auto& change = record.result_lost();
       LogFields fields = FieldsOf(change.task(), 0, task);
       fields.emplace_back("reason", change.reason());
-      return LogWarning("result lost, computed again", fields);
+      return LogWarning("result lost: its task runs again", fields);
     }
     case v1::Record::kJobDeleted:
       return LogInfo("job deleted", {{"job", record.job_deleted().job()}, {"reason", record.job_deleted().reason()}});

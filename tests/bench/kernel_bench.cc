@@ -199,7 +199,7 @@ int main(int argc, char** argv) {
   CLI::App app("What one evaluation of the data term costs on one core");
   int width = 1400, classes = 4, repeat = 5;
   app.add_option("--width", width, "of the images, pixels");
-  app.add_option("--classes", classes, "of the runs with classes");
+  app.add_option("--classes", classes, "number of classes in the runs with likelihoods");
   app.add_option("--repeat", repeat, "times, of which the best counts");
   std::string target;
   app.add_option("--target", target, "this instruction set alone: AVX3, AVX2, SSE4 or SCALAR");

@@ -42,7 +42,7 @@ TEST_F(DamagedFilesTest, DamagedFilesAreRecomputedToTheSameBytes) {
   const v1::Job ended = cluster.Await(job);
   ASSERT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
   EXPECT_EQ(Content(cluster.Fetch(job) + "/mesh.ply"), Content(UndisturbedMesh()));
-  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("result lost, computed again"));
+  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("result lost: its task runs again"));
   EXPECT_FALSE(fs::is_empty(cluster.data() + "/blobs/quarantine"));
   // What nobody needs stays lost; what is asked for is made again, by a worker without the shared folder too.
   EXPECT_GT(HarmAll(cluster.data()), 10);

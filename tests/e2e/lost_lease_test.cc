@@ -70,7 +70,7 @@ class LostLeaseTest : public testing::Test {
   // What a worker says whose attempt is not the current one any more: at its report, or before at a heartbeat.
   static bool ToldThatItIsLate(const Program& worker) {
     const std::string output = worker.Output();
-    return output.find("report rejected: not the current attempt") != std::string::npos ||
+    return output.find("report not accepted: the lease is lost") != std::string::npos ||
            output.find("lease lost: result discarded") != std::string::npos;
   }
 

@@ -218,7 +218,7 @@ class Agent::Impl {
         continue;
       }
       if (RefusalOf(status) == Refusal::kOtherVersion) return status;
-      if (!unreachable) LogWarning("coordinator unreachable; retrying", {{"reason", MessageOf(status)}});
+      if (!unreachable) LogWarning("cannot get a task; retrying", {{"reason", MessageOf(status)}});
       unreachable = true;
       Wait(backoff.NextDelay(status));
     }
@@ -352,7 +352,7 @@ class Agent::Impl {
     if (next) ++lease_call_;
     if (status.ok()) return next;
     if (RefusalOf(status) == Refusal::kNotCurrent || attempt.LeaseLost()) {
-      LogInfo("report rejected: not the current attempt", who);
+      LogInfo("report not accepted: the lease is lost", who);
     } else {
       LogError("report failed: result lost", With(who, "reason", MessageOf(status)));
     }

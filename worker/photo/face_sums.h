@@ -63,7 +63,7 @@ class FaceGatherer {
   const FaceMap* map_ = nullptr;
   const std::vector<uint8_t>* own_ = nullptr;
   std::vector<std::vector<Part>> parts_;  // per strip
-  std::vector<uint8_t> strips_of_face_;   // number of strips that contain the face, at most 2; zero between views
+  std::vector<uint8_t> strips_of_face_;   // of each face: 0, 1, or 2 for two or more strips; zero between views
 };
 
 }  // namespace tessera

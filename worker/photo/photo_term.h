@@ -141,7 +141,7 @@ class PhotoTerm {
   std::vector<size_t> opening_;               // views ordered by first step
   std::vector<size_t> first_step_;            // per view
   std::vector<std::vector<size_t>> closing_;  // per step: views whose last step it is
-  size_t opened_ = 0;                         // number of opening_ done
+  size_t opened_ = 0;                         // how many views of `opening_` have been opened
   std::vector<FaceMap> maps_;                 // per view while open, as references
   std::vector<WarpTarget> targets_;
   std::vector<Buffers> spare_;

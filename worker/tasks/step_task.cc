@@ -21,7 +21,8 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
   TESSERA_ASSIGN_OR_RETURN(task.options, MethodOptions({p.rounds, p.method, p.settings}, task.work->package()));
   const std::vector<TileStep> steps = TileStepsOf(RefineStepsOf(p.method, p.rounds, p.settings));
   if (p.step < 0 || p.step >= static_cast<int>(steps.size())) {
-    return absl::InvalidArgumentError(absl::StrCat(request.kind, ": found step ", p.step, " of ", steps.size()));
+    return absl::InvalidArgumentError(
+        absl::StrCat(request.kind, ": found step ", p.step, ", expected 0 to ", steps.size() - 1));
   }
   task.at = steps[p.step];
   TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> files, OpenStates(request, p.states));

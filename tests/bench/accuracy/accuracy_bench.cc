@@ -288,7 +288,7 @@ int main(int argc, char** argv) {
   app.add_option("--threads", a.threads, "0: one for each core");
   app.add_option("--leave-out", a.leave_out, "index of a view: run the scenes without it and compare with it");
   app.add_flag("--drift", a.drift, "also start every method from the truth");
-  app.add_flag("--no-folds", a.no_folds, "leave out turned faces and crossings");
+  app.add_flag("--no-folds", a.no_folds, "do not count inverted faces and self-intersections");
   CLI11_PARSE(app, argc, argv);
   const tessera::Status status = tessera::Bench(std::move(a));
   if (!status.ok()) std::fprintf(stderr, "accuracy_bench: %s\n", status.ToString().c_str());
