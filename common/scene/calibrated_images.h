@@ -1,5 +1,5 @@
-// Cameras, poses and tie points of a set of images, as every reader of a camera format returns them. Views are built from
-// these.
+// Cameras, poses and tie points of a set of images, as every reader of a camera format returns them. Views are built
+// from these.
 #pragma once
 
 #include <Eigen/Core>

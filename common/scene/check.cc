@@ -18,6 +18,7 @@
 #include "common/meshio/mesh_format.h"
 #include "common/scene/colmap.h"
 #include "common/scene/coverage.h"
+#include "common/scene/fit_findings.h"
 #include "common/storage/hash.h"
 
 namespace tessera {
@@ -141,12 +142,29 @@ class SceneChecker {
     control_.Report(0.75, "visibility");
     TESSERA_ASSIGN_OR_RETURN(const Coverage coverage,
                              MeasureCoverage(scene_, repaired->mesh, kMaxSampledFaces, control_));
+    TESSERA_RETURN_IF_ERROR(CheckFit(repaired->mesh));
     for (size_t i = 0; i < coverage.views.size(); ++i) {
       faults_.Add(ViewVisibilityError(path, scene_.views[i], coverage.views[i]));
     }
     summary_.faces_tried = coverage.faces_tried;
     summary_.unseen_share = static_cast<double>(coverage.unseen) / static_cast<double>(coverage.faces_tried);
     summary_.under_three_share = static_cast<double>(coverage.under_three) / static_cast<double>(coverage.faces_tried);
+    return absl::OkStatus();
+  }
+
+  // Whether images, poses and mesh belong together; if not, what would make them.
+  Status CheckFit(const TriangleMesh& mesh) {
+    if (!faults_.messages().empty()) return absl::OkStatus();
+    control_.Report(0.85, "fit of images and mesh");
+    TaskControl silent = control_;
+    silent.report = {};
+    TESSERA_ASSIGN_OR_RETURN(SceneFit fit, MeasureFit(scene_, mesh, FitOptions(), silent));
+    Reading reading;
+    if (NeedsReading(fit, summary_.gsd_m)) {
+      TESSERA_ASSIGN_OR_RETURN(reading, FindReading(scene_, mesh, fit, silent));
+    }
+    faults_.Add(JudgeFit(scene_, fit, reading, summary_.gsd_m, &warnings_));
+    summary_.fit = std::move(fit);
     return absl::OkStatus();
   }
 

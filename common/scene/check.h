@@ -10,6 +10,7 @@
 #include "common/base/task_control.h"
 #include "common/imaging/border_trust.h"
 #include "common/scene/coverage.h"
+#include "common/scene/fit.h"
 #include "common/scene/scene.h"
 
 namespace tessera {
@@ -66,6 +67,7 @@ struct SceneSummary {
   int64_t faces_tried = 0;
   double unseen_share = 0, under_three_share = 0;
   std::optional<Reprojection> reprojection;  // none if the model has no 3D points
+  std::optional<SceneFit> fit;               // none if a file is missing or cannot be read
 };
 
 // Loads the scene (LoadScene) and reads all its files. INVALID_ARGUMENT lists all errors, one per line, each with its

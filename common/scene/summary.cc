@@ -4,6 +4,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/scene/check.h"
+#include "common/scene/fit_findings.h"
 
 namespace tessera {
 namespace {
@@ -42,6 +43,7 @@ std::string SummaryToText(const SceneSummary& s) {
   row("visibility", absl::StrFormat("%.1f %% of the faces in no view, %.1f %% in fewer than 3%s", 100 * s.unseen_share,
                                     100 * s.under_three_share,
                                     s.faces_tried < s.faces ? absl::StrCat(" (", s.faces_tried, " sampled)") : ""));
+  if (s.fit) row("fit", FitText(*s.fit));
   if (!s.reprojection) {
     row("3D points", "none");
   } else {
@@ -83,6 +85,15 @@ std::string SummaryToJson(const SceneSummary& s, const Warnings& warnings) {
   }
   json["coverage"] = {
       {"faces_tried", s.faces_tried}, {"unseen_share", s.unseen_share}, {"under_three_share", s.under_three_share}};
+  if (s.fit) {
+    json["fit"] = {{"pairs", s.fit->all.pairs},
+                   {"patches", s.fit->all.patches},
+                   {"above_chance", s.fit->all.above_chance},
+                   {"across_px", s.fit->all.across_px},
+                   {"along_px", s.fit->all.along_px},
+                   {"mesh_shift_m", {s.fit->mesh_shift_m.x(), s.fit->mesh_shift_m.y(), s.fit->mesh_shift_m.z()}},
+                   {"focal_changes", s.fit->focal_changes}};
+  }
   if (s.reprojection) {
     json["reprojection"] = {{"observations", s.reprojection->observations},
                             {"median_px", s.reprojection->median_px},

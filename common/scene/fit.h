@@ -1,0 +1,54 @@
+// Whether images, poses and mesh of a scene belong together. Patches of one image are warped through the mesh into
+// another image and compared there with what is found around them.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/base/task_control.h"
+#include "common/geometry/mesh.h"
+#include "common/scene/scene.h"
+
+namespace tessera {
+
+struct FitOptions {
+  int pairs = 100;    // of images, spread over the scene
+  int patches = 200;  // of each pair
+};
+
+// What the patches of an image, a camera or a scene say. Pixels of the images.
+struct FitShare {
+  int pairs = 0;
+  int64_t patches = 0;      // with texture, seen by both images of a pair
+  double above_chance = 0;  // share of them that correlate better than 95 % of patches at random places
+  // Medians over the patches with a distinct best match, of its distance from where the mesh puts it: across the
+  // epipolar line (an error of cameras) and along it (of cameras or mesh). -1: too few such patches.
+  double across_px = -1, along_px = -1;
+};
+
+struct SceneFit {
+  FitShare all;
+  std::vector<FitShare> views;  // of each view
+  std::vector<int> misplaced;   // views whose pairs disagree with those of the others
+  double noise_px = -1;         // across_px of pairs that fit
+  // The translation of the mesh (local frame) and the relative changes of the cameras' focal lengths that together
+  // explain the offsets best.
+  Eigen::Vector3d mesh_shift_m = Eigen::Vector3d::Zero();
+  std::vector<LensModel> cameras;     // the different ones
+  std::vector<double> focal_changes;  // of each of `cameras`
+};
+
+// Shares of patches above chance: below the first, images, poses and mesh have nothing in common; below the second,
+// they fit badly.
+inline constexpr double kNoFit = 0.15, kBadFit = 0.4;
+
+// Reads the images of the chosen pairs. `mesh`: repaired, local frame. The result does not depend on the number of
+// threads. Without a pair of images that see the same surface, all.pairs is 0. Errors: those of reading images, and
+// CANCELLED by `control`.
+StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const TriangleMesh& mesh, const FitOptions& options,
+                              const TaskControl& control);
+
+}  // namespace tessera

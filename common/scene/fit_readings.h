@@ -1,0 +1,26 @@
+// What is wrong with a scene whose images, poses and mesh do not fit: the usual mistakes of export are undone one by
+// one and the fit is measured again.
+#pragma once
+
+#include <string>
+
+#include "common/base/status.h"
+#include "common/base/task_control.h"
+#include "common/geometry/mesh.h"
+#include "common/scene/fit.h"
+#include "common/scene/scene.h"
+
+namespace tessera {
+
+struct Reading {
+  std::string fault;        // what the scene would have wrong; empty: no reading fits
+  double above_chance = 0;  // with it corrected
+};
+
+// The reading under which most patches correlate, if it is at least twice as good as `fit` and fits at all: another
+// unit or another vertical axis of the mesh, poses that are camera-to-world, of OpenGL, or with quaternions in another
+// order, a principal point that is missing, photographs that are turned. Costs about twenty times a small MeasureFit.
+StatusOr<Reading> FindReading(const SceneDescription& scene, const TriangleMesh& mesh, const SceneFit& fit,
+                              const TaskControl& control);
+
+}  // namespace tessera
