@@ -89,12 +89,12 @@ class PointLines {
  private:
   void Report(const ColmapLocation& location, const char* found, ColmapBuilder* builder) {
     if (first_missing_ == 0 || first_found_ == 0 || std::exchange(reported_, true)) return;
-    builder->faults().Add(
-        location.Error(found, first_missing_ < first_found_
-                                  ? absl::StrCat("a line of image points for each image, or for none: the image of line ",
-                                                 first_missing_, " has none")
-                                  : absl::StrCat("a line of image points for each image, or for none: line ",
-                                                 first_found_, " has image points")));
+    builder->faults().Add(location.Error(
+        found, first_missing_ < first_found_
+                   ? absl::StrCat("a line of image points for each image, or for none: the image of line ",
+                                  first_missing_, " has none")
+                   : absl::StrCat("a line of image points for each image, or for none: line ", first_found_,
+                                  " has image points")));
   }
   int64_t first_missing_ = 0, first_found_ = 0;
   bool reported_ = false;
