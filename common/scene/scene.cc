@@ -185,7 +185,8 @@ class SceneLoader {
   // All files of the images folder, relative to it; none if it cannot be listed.
   std::vector<std::string> ListImages() {
     std::vector<std::string> names;
-    const std::string prefix = json_.images.path + "/";
+    std::string prefix = json_.images.path + "/";
+    while (prefix.ends_with("//")) prefix.pop_back();
     for (const std::string& file : options_.elsewhere) {
       if (file.starts_with(prefix)) names.push_back(file.substr(prefix.size()));
     }
