@@ -71,6 +71,16 @@ class ColmapLineReader {
     word_ = static_cast<size_t>(stop - text_.data());
     return true;
   }
+  bool LastWordIsNumber() const {
+    const auto is_blank = [&](size_t at) { return text_[at] == ' ' || text_[at] == '\t'; };
+    size_t end = line_end_;
+    while (end > word_ && is_blank(end - 1)) --end;
+    size_t begin = end;
+    while (begin > word_ && !is_blank(begin - 1)) --begin;
+    double value = 0;
+    const auto [stop, error] = std::from_chars(text_.data() + begin, text_.data() + end, value);
+    return error == std::errc() && stop == text_.data() + end;
+  }
   // The next word, for messages; does not consume it.
   std::string Peek() {
     if (AtEnd()) return "the end of the line";

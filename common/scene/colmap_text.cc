@@ -128,7 +128,10 @@ void ParseImages(ColmapLineReader lines, CalibrationContent content, ColmapBuild
         point_lines.Missing(location, line, builder);
       } else {
         if (!lines.AtEnd()) point_lines.Found(lines.Location(), lines.number(), builder);
-        if (content == CalibrationContent::kCamerasAndPoints && !ParseObservations(lines, &image.observations)) {
+        // Image points are not needed for cameras alone, but a faulty pose must not pass for some.
+        const bool read =
+            content == CalibrationContent::kCamerasAndPoints || (!lines.AtEnd() && !lines.LastWordIsNumber());
+        if (read && !ParseObservations(lines, &image.observations)) {
           builder->faults().Add(lines.Location().Error(lines.Peek(), "X Y POINT3D_ID"));
         }
       }

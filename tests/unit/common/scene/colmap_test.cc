@@ -156,6 +156,15 @@ TEST(ColmapTextTest, RefusesAMixtureOfImagesWithAndWithoutLinesOfPoints) {
   }
 }
 
+TEST(ColmapTextTest, AFaultyPoseIsNoLineOfPoints) {
+  for (const CalibrationContent content : {CalibrationContent::kCameras, kAll}) {
+    CalibratedImages model;
+    Faults faults;
+    ParseColmapText(kCamera, "1 1 0 0 0 0 0 2 1 a.jpg\n-2 1 0 0 0 0 0 2 1 b.jpg\n", "", "m", content, &model, &faults);
+    EXPECT_THAT(faults.messages(), ElementsAre(HasSubstr("m/images.txt: line 2: found 'b.jpg'")));
+  }
+}
+
 TEST(ColmapTextTest, TakesByteOrderMarksCarriageReturnsAndTabs) {
   const auto windows = [](const std::string& text) {
     return "\xef\xbb\xbf# list\r\n" + absl::StrReplaceAll(text, {{"\n", "\r\n"}, {" ", "\t"}});
