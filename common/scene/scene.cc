@@ -390,12 +390,12 @@ std::vector<std::string> ClassNames(const SceneDescription& scene) {
 }
 
 std::vector<std::string> ViewStems(const SceneDescription& scene) {
-  std::map<std::string, int> images;
-  for (const SceneView& view : scene.views) ++images[WithoutExtension(view.name)];
+  std::map<std::string, std::set<std::string>> images;
+  for (const SceneView& view : scene.views) images[WithoutExtension(view.name)].insert(view.name);
   std::vector<std::string> stems;
   for (const SceneView& view : scene.views) {
     const std::string stem = WithoutExtension(view.name);
-    stems.push_back(images[stem] > 1 ? view.name : stem);
+    stems.push_back(images[stem].size() > 1 ? view.name : stem);
   }
   return stems;
 }
