@@ -63,8 +63,13 @@ class JpegReader {
       return InputError(path, "", absl::StrCat(info_.output_width, " x ", info_.output_height, " pixels when decoded"),
                         "the size in the header");
     }
-    return InputError(path, row_ > 0 ? absl::StrCat("row ", row_, " of ", info_.output_height) : "",
-                      absl::StrCat("a damaged JPEG image (", static_cast<const char*>(message_), ")"),
+    // Damage shows late: the decoder goes on with wrong pixels until the data do not add up.
+    return InputError(path, "",
+                      absl::StrCat("a damaged JPEG image (", static_cast<const char*>(message_),
+                                   row_ > 0 && row_ < info_.output_height
+                                       ? absl::StrCat(", at or before row ", row_, " of ", info_.output_height)
+                                       : "",
+                                   ")"),
                       "an undamaged image: copy or export it again");
   }
 

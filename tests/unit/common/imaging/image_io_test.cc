@@ -133,7 +133,7 @@ TEST(ImageIoTest, RefusesJpegsThatAreDamagedInside) {
   EXPECT_EQ(FaultOfImage(path, jpeg.bytes), "");
   // The second half is missing, but the file ends as it should: a decoder fills in grey.
   EXPECT_THAT(FaultOfImage(path, jpeg.bytes.substr(0, middle) + "\xff\xd9"),
-              AllOf(HasSubstr("a.jpg: row "), HasSubstr("of 120: found a damaged JPEG image"),
+              AllOf(HasSubstr("a.jpg: found a damaged JPEG image"), HasSubstr("at or before row "),
                     HasSubstr("premature end of data segment"), HasSubstr("copy or export it again")));
   std::string zeros = jpeg.bytes;
   std::fill_n(zeros.begin() + static_cast<std::ptrdiff_t>(middle), 1024, '\0');
