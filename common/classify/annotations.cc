@@ -123,9 +123,8 @@ StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDesc
   }
   TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> files, ListFiles(folder));
   std::map<std::string, size_t> views;
-  for (size_t v = 0; v < scene.views.size(); ++v) {
-    views[fs::path(scene.views[v].name).replace_extension().generic_string()] = v;
-  }
+  const std::vector<std::string> stems = ViewStems(scene);
+  for (size_t v = 0; v < stems.size(); ++v) views[stems[v]] = v;
   Annotations annotations;
   annotations.pixels.assign(scene.classes.size(), 0);
   Faults faults;

@@ -193,6 +193,7 @@ StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const Mes
   std::vector<std::array<ConfusionMatrix, 2>> held_out(views);
   ClassifiedScene classified;
   classified.views.resize(views);
+  const std::vector<std::string> stems = ViewStems(scene);
   std::atomic<int64_t> done = 0;
   ParallelForEach(views, 1, [&](size_t v) {
     failed[v] = control.Check();
@@ -204,8 +205,7 @@ StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const Mes
     }
     for (size_t e = 0; e < 2 && failed[v].ok(); ++e) {
       if (result->likelihoods[e].empty()) continue;
-      const fs::path path =
-          fs::path(folder) / kEvidenceNames[e] / fs::path(scene.views[v].name).replace_extension(".tif");
+      const fs::path path = fs::path(folder) / kEvidenceNames[e] / (stems[v] + ".tif");
       failed[v] = EnsureFolder(path.parent_path().string());
       if (failed[v].ok()) failed[v] = WriteLikelihoodTiff(path.string(), result->likelihoods[e]);
     }

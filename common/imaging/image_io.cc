@@ -7,8 +7,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/imaging/file_bytes.h"
+#include "common/imaging/jpeg_file.h"
 #include "common/imaging/tiff_file.h"
 #include "common/imaging/undistort.h"
+#include "common/storage/lfs_pointer.h"
 
 namespace tessera {
 namespace {
@@ -81,6 +83,7 @@ StatusOr<ImageSize> HeaderSize(const std::string& path, const Bytes& bytes) {
     return ImageSize{size.width, size.height};
   }
   if (IsJpeg(bytes)) return WalkJpeg(bytes).size;
+  if (IsLfsPointer({reinterpret_cast<const char*>(bytes.data()), bytes.size()})) return LfsPointerError(path);
   if (!IsPng(bytes)) {
     return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "an unknown format",
                       "a JPEG, PNG or TIFF image");
@@ -92,7 +95,8 @@ StatusOr<ImageSize> HeaderSize(const std::string& path, const Bytes& bytes) {
 }
 
 // Decodes an image. Checks the header's size before decoding, because a small file may claim gigabytes: it must equal
-// `expected`, or, without `expected`, be plausible for the length of the file.
+// `expected`, or, without `expected`, be plausible for the length of the file. `flags`: of OpenCV; a JPEG is decoded to
+// three channels of 8 bits whatever they say.
 StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std::optional<ImageSize>& expected,
                          int flags) {
   TESSERA_ASSIGN_OR_RETURN(const ImageSize size, HeaderSize(path, bytes));
@@ -110,6 +114,12 @@ StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std:
   }
   cv::Mat image;
   try {
+    if (IsJpeg(bytes)) {
+      image.create(size.height, size.width, CV_8UC3);
+      TESSERA_ASSIGN_OR_RETURN(const bool decoded,
+                               DecodeJpeg(path, bytes, {image.data, image.step[0], size.width, size.height}));
+      if (decoded) return image;
+    }
     image = cv::imdecode(bytes, flags | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& error) {
     return InputError(path, "", error.err, "a JPEG, PNG or TIFF image");

@@ -11,6 +11,7 @@
 #include "common/imaging/npy.h"
 #include "common/imaging/tiff_file.h"
 #include "common/imaging/undistort.h"
+#include "common/storage/lfs_pointer.h"
 
 namespace tessera {
 namespace {
@@ -107,7 +108,7 @@ StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes
         path, ": found columns ", part.x0, " to ", part.x1, ", rows ", part.y0, " to ", part.y1,
         ", expected a part of the ", lens.pinhole.width, " x ", lens.pinhole.height, " pixels of its image"));
   }
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> magic, ReadFileStart(path, 8));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> magic, ReadFileStart(path, 32));
   const auto starts_with = [&](const char* text, size_t size) {
     return magic.size() >= size && std::memcmp(magic.data(), text, size) == 0;
   };
@@ -144,6 +145,8 @@ StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes
     TESSERA_ASSIGN_OR_RETURN(parts, set_size(size.width, size.height));
     TESSERA_ASSIGN_OR_RETURN(image, ReadTiffPages(path, size, parts.source));
     TESSERA_RETURN_IF_ERROR(Normalise(path, "page", 1, parts.source, image));
+  } else if (IsLfsPointer({reinterpret_cast<const char*>(magic.data()), magic.size()})) {
+    return LfsPointerError(path);
   } else {
     return InputError(path, "byte 0", magic.empty() ? "an empty file" : "an unknown format",
                       "likelihoods as TIFF or NPY, or a label PNG");

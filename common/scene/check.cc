@@ -262,7 +262,7 @@ class SceneChecker {
         inside += camera_alone.InImage(q);
       }
     }
-    if (dangling > 0) {
+    if (dangling > 0 && faults.empty()) {  // else they may refer to what could not be read
       warnings_.push_back(absl::StrCat(folder, ": ", dangling, " references to images or 3D points that do not exist"));
     }
     result.observations = static_cast<int64_t>(errors_px.size());

@@ -15,7 +15,7 @@ struct ColmapCameraModel {
   int id;
   const char* name;
   int parameters;
-  bool supported;
+  const char* order;  // of the parameters, if the model is supported; else null
 };
 
 // COLMAP's camera model of this name or id (src/colmap/sensor/models.h), supported or not; null if there is none.
@@ -36,10 +36,13 @@ class ColmapBuilder {
  public:
   ColmapBuilder(CalibratedImages* model, Faults* faults) : model_(*model), faults_(*faults) {}
 
-  // `model` is null for an unknown camera model; `model_name` is its name in the file.
+  // `model` is null for an unknown camera model; `model_name` is its name in the file. A fault is reported if an image
+  // has the camera, or if there are no images.
   void AddCamera(const ColmapLocation& location, uint32_t id, const ColmapCameraModel* model,
                  const std::string& model_name, uint64_t width, uint64_t height, const std::vector<double>& parameters);
   void AddImage(const ColmapLocation& location, CalibratedImage image, const double (&quaternion_wxyz)[4]);
+  // The file has more cameras, which cannot be read.
+  void OmitsCameras() { omits_cameras_ = true; }
   void AddPoint(const ColmapLocation& location, TiePoint point);
   // Checks references between entries, and sorts the images. Call it once, at the end.
   void Finish();
@@ -49,6 +52,8 @@ class ColmapBuilder {
  private:
   CalibratedImages& model_;
   Faults& faults_;
+  bool omits_cameras_ = false;
+  std::map<uint32_t, Status> camera_faults_;  // not yet reported
   std::map<uint32_t, std::string> camera_locations_, image_locations_;
   std::map<std::string, std::string> name_locations_;
   std::map<uint64_t, std::string> point_locations_;

@@ -1,80 +1,15 @@
-#include <charconv>
 #include <optional>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "common/scene/colmap.h"
 #include "common/scene/colmap_entries.h"
+#include "common/scene/colmap_lines.h"
 
 namespace tessera {
 namespace {
 
-// Reads a text line by line, with line numbers, and the words of the current line.
-class LineReader {
- public:
-  LineReader(const std::string& text, std::string file) : text_(text), file_(std::move(file)) {}
-
-  bool Next() {
-    if (at_ >= text_.size()) return false;
-    size_t end = text_.find('\n', at_);
-    if (end == std::string::npos) end = text_.size();
-    word_ = at_;
-    line_end_ = end;
-    if (line_end_ > word_ && text_[line_end_ - 1] == '\r') --line_end_;
-    at_ = end + 1;
-    ++number_;
-    return true;
-  }
-  // The next line that is neither blank nor a comment.
-  bool NextEntry() {
-    while (Next()) {
-      if (!AtEnd() && text_[word_] != '#') return true;
-    }
-    return false;
-  }
-  bool AtEnd() {
-    while (word_ < line_end_ && (text_[word_] == ' ' || text_[word_] == '\t')) ++word_;
-    return word_ >= line_end_;
-  }
-  std::string Word() {
-    if (AtEnd()) return "";
-    const size_t begin = word_;
-    while (word_ < line_end_ && text_[word_] != ' ' && text_[word_] != '\t') ++word_;
-    return text_.substr(begin, word_ - begin);
-  }
-  // The rest of the line without blanks at its ends; image names may contain blanks.
-  std::string Rest() {
-    if (AtEnd()) return "";
-    size_t end = line_end_;
-    while (end > word_ && (text_[end - 1] == ' ' || text_[end - 1] == '\t')) --end;
-    return text_.substr(std::exchange(word_, line_end_), end - word_);
-  }
-  template <class T>
-  bool Number(T* out) {
-    if (AtEnd()) return false;
-    const char* end = text_.data() + line_end_;
-    const auto [stop, error] = std::from_chars(text_.data() + word_, end, *out);
-    if (error != std::errc() || (stop != end && *stop != ' ' && *stop != '\t')) return false;
-    word_ = static_cast<size_t>(stop - text_.data());
-    return true;
-  }
-  // The next word, for messages; does not consume it.
-  std::string Peek() {
-    if (AtEnd()) return "the end of the line";
-    const size_t keep = word_;
-    const std::string word = Word();
-    word_ = keep;
-    return absl::StrCat("'", word.substr(0, 40), "'");
-  }
-  ColmapLocation Location() const { return {file_, absl::StrCat("line ", number_)}; }
-
- private:
-  const std::string& text_;
-  std::string file_;
-  size_t at_ = 0, word_ = 0, line_end_ = 0;
-  int64_t number_ = 0;
-};
-
-void ParseCameras(LineReader lines, ColmapBuilder* builder) {
+void ParseCameras(ColmapLineReader lines, ColmapBuilder* builder) {
   while (lines.NextEntry()) {
     uint32_t id = 0;
     uint64_t width = 0, height = 0;
@@ -103,7 +38,7 @@ void ParseCameras(LineReader lines, ColmapBuilder* builder) {
 }
 
 // Parses triples "X Y POINT3D_ID"; an id of -1 means no 3D point.
-bool ParseObservations(LineReader& lines, std::vector<ImageObservation>* observations) {
+bool ParseObservations(ColmapLineReader& lines, std::vector<ImageObservation>* observations) {
   while (!lines.AtEnd()) {
     ImageObservation observation;
     int64_t point_id = -1;
@@ -118,12 +53,61 @@ bool ParseObservations(LineReader& lines, std::vector<ImageObservation>* observa
   return true;
 }
 
-void ParseImages(LineReader lines, CalibrationContent content, ColmapBuilder* builder) {
+// Whether the line is an image's first, with its pose and name, and not one of image points.
+bool IsPoseLine(ColmapLineReader& lines) {
+  const ColmapLineReader::Cursor start = lines.cursor();
+  uint32_t id = 0, camera_id = 0;
+  double value = 0;
+  bool is_pose = lines.Number(&id);
+  for (int k = 0; k < 7; ++k) is_pose = is_pose && lines.Number(&value);
+  is_pose = is_pose && lines.Number(&camera_id) && !lines.AtEnd();
+  if (is_pose) {  // a name follows, unless the line has only numbers, three for each image point
+    int64_t words = 0;
+    bool numbers = true;
+    for (; numbers && !lines.AtEnd(); ++words) numbers = lines.Number(&value);
+    is_pose = !numbers || words % 3 != 0;
+  }
+  lines.Return(start);
+  return is_pose;
+}
+
+// Finds a file in which some images have a line of image points, even an empty one, and others have none: poses and
+// points cannot be told apart with certainty.
+class PointLines {
+ public:
+  // `line`: of the pose of an image that another pose follows.
+  void Missing(const ColmapLocation& location, int64_t line, ColmapBuilder* builder) {
+    if (first_missing_ == 0) first_missing_ = line;
+    Report(location, "no line of image points after the image of this line", builder);
+  }
+  // `line`: of image points, not blank.
+  void Found(const ColmapLocation& location, int64_t line, ColmapBuilder* builder) {
+    if (first_found_ == 0) first_found_ = line;
+    Report(location, "a line of image points", builder);
+  }
+
+ private:
+  void Report(const ColmapLocation& location, const char* found, ColmapBuilder* builder) {
+    if (first_missing_ == 0 || first_found_ == 0 || std::exchange(reported_, true)) return;
+    builder->faults().Add(location.Error(
+        found, first_missing_ < first_found_
+                   ? absl::StrCat("a line of image points for each image, or for none: the image of line ",
+                                  first_missing_, " has none")
+                   : absl::StrCat("a line of image points for each image, or for none: line ", first_found_,
+                                  " has image points")));
+  }
+  int64_t first_missing_ = 0, first_found_ = 0;
+  bool reported_ = false;
+};
+
+void ParseImages(ColmapLineReader lines, CalibrationContent content, ColmapBuilder* builder) {
+  PointLines point_lines;
   while (lines.NextEntry()) {
     CalibratedImage image;
     double q[4];
     Eigen::Vector3d& t = image.translation_cam_from_world;
     const ColmapLocation location = lines.Location();
+    const int64_t line = lines.number();
     bool good = lines.Number(&image.id);
     if (!good) builder->faults().Add(location.Error(lines.Peek(), "an image id"));
     if (good) {
@@ -136,15 +120,27 @@ void ParseImages(LineReader lines, CalibrationContent content, ColmapBuilder* bu
       }
     }
     // The second line of an image holds its image points. It may be empty, and may be missing at the end of the file.
-    if (lines.Next() && content == CalibrationContent::kCamerasAndPoints &&
-        !ParseObservations(lines, &image.observations)) {
-      builder->faults().Add(lines.Location().Error(lines.Peek(), "X Y POINT3D_ID"));
+    // Some programs write no such lines; then the next pose follows.
+    const ColmapLineReader::Cursor pose = lines.cursor();
+    if (lines.NextContent()) {
+      if (IsPoseLine(lines)) {
+        lines.Return(pose);
+        point_lines.Missing(location, line, builder);
+      } else {
+        if (!lines.AtEnd()) point_lines.Found(lines.Location(), lines.number(), builder);
+        // Image points are not needed for cameras alone, but a faulty pose must not pass for some.
+        const bool read =
+            content == CalibrationContent::kCamerasAndPoints || (!lines.AtEnd() && !lines.LastWordIsNumber());
+        if (read && !ParseObservations(lines, &image.observations)) {
+          builder->faults().Add(lines.Location().Error(lines.Peek(), "X Y POINT3D_ID"));
+        }
+      }
     }
     if (good) builder->AddImage(location, std::move(image), q);
   }
 }
 
-void ParsePoints(LineReader lines, ColmapBuilder* builder) {
+void ParsePoints(ColmapLineReader lines, ColmapBuilder* builder) {
   while (lines.NextEntry()) {
     TiePoint point;
     Eigen::Vector3d& p = point.position;
@@ -171,11 +167,19 @@ void ParsePoints(LineReader lines, ColmapBuilder* builder) {
 
 void ParseColmapText(const std::string& cameras, const std::string& images, const std::string& points,
                      const std::string& folder, CalibrationContent content, CalibratedImages* model, Faults* faults) {
+  bool good = true;
+  for (const auto& [name, text] :
+       {std::pair("/cameras.txt", &cameras), std::pair("/images.txt", &images), std::pair("/points3D.txt", &points)}) {
+    if (!text->starts_with("\xff\xfe") && !text->starts_with("\xfe\xff")) continue;
+    faults->Add(InputError(folder + name, "", "a text in UTF-16", "UTF-8: save the file in that encoding"));
+    good = false;
+  }
+  if (!good) return;
   ColmapBuilder builder(model, faults);
-  ParseCameras(LineReader(cameras, folder + "/cameras.txt"), &builder);
-  ParseImages(LineReader(images, folder + "/images.txt"), content, &builder);
+  ParseCameras(ColmapLineReader(cameras, folder + "/cameras.txt"), &builder);
+  ParseImages(ColmapLineReader(images, folder + "/images.txt"), content, &builder);
   if (content == CalibrationContent::kCamerasAndPoints)
-    ParsePoints(LineReader(points, folder + "/points3D.txt"), &builder);
+    ParsePoints(ColmapLineReader(points, folder + "/points3D.txt"), &builder);
   builder.Finish();
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
+#include <set>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
@@ -12,8 +13,10 @@
 #include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
 #include "common/scene/colmap.h"
+#include "common/scene/image_files.h"
 #include "common/scene/scene_json.h"
 #include "common/storage/files.h"
+#include "common/storage/lfs_pointer.h"
 
 namespace tessera {
 namespace {
@@ -75,8 +78,11 @@ class SceneLoader {
       return;
     }
     scene_.cameras_folder = json_.cameras.path;
+    const size_t faults_before = faults_.messages().size();
+    Warnings of_model;
     const CalibratedImages model =
-        ReadColmapModel(Full(json_.cameras.path), CalibrationContent::kCameras, &faults_, options_.allowed);
+        ReadColmapModel(Full(json_.cameras.path), CalibrationContent::kCameras, &faults_, options_.allowed, &of_model);
+    for (const std::string& warning : of_model) Warn(absl::StrReplaceAll(warning, {{scene_.folder + "/", ""}}));
     for (const std::string& file : model.files) {
       scene_.files.push_back(absl::StrCat(json_.cameras.path, "/", file));
     }
@@ -116,47 +122,99 @@ class SceneLoader {
           image.rotation_cam_from_world * frame->origin_in_scene() + image.translation_cam_from_world;
       scene_.views.push_back(std::move(view));
     }
+    has_all_views_ = faults_.messages().size() == faults_before;
   }
 
-  // Reads image headers in parallel; reports faults in the order of the views.
+  // Finds the files of the images, and reads their headers in parallel. Faults of files are reported in the order of
+  // the views. Views get the names of their files.
   void FindImages() {
-    std::vector<Status> found(scene_.views.size());
-    ParallelForEach(scene_.views.size(), 1, [&](size_t i) {
-      SceneView& view = scene_.views[i];
-      const StatusOr<std::string> inside = JoinInside(json_.images.path, view.name);
-      if (!inside.ok()) {
-        found[i] = InputError(Full(json_.cameras.path), "images", absl::StrCat("the name '", view.name, "'"),
-                              "a name inside the images folder");
-        return;
-      }
-      if (options_.elsewhere.contains(*inside)) {
-        view.image_path = *inside;
-        return;
-      }
-      const std::string path = Full(*inside);
-      const StatusOr<AllowedFile> file = options_.allowed.Open(path);
-      if (!file.ok()) {
-        found[i] =
-            absl::IsNotFound(file.status())
-                ? InputError(path, "", "no such file", absl::StrCat("image '", view.name, "' of the COLMAP model"))
-                : file.status();
-        return;
-      }
-      const StatusOr<ImageSize> size = ReadImageSize(file->path());
-      if (!size.ok()) {
-        found[i] = Named(size.status(), *file, path);
-      } else if (size->width != view.lens.pinhole.width || size->height != view.lens.pinhole.height) {
-        found[i] = InputError(
-            path, "", absl::StrCat(size->width, " x ", size->height, " pixels"),
-            absl::StrCat(view.lens.pinhole.width, " x ", view.lens.pinhole.height, " (the size of its camera)"));
-      } else {
-        view.image_path = *inside;
-      }
-    });
-    for (size_t i = 0; i < found.size(); ++i) {
-      faults_.Add(found[i]);
-      if (!scene_.views[i].image_path.empty()) scene_.files.push_back(scene_.views[i].image_path);
+    for (const SceneView& view : scene_.views) model_names_.push_back(view.name);
+    const ImageFiles found = FindImageFiles(
+        model_names_,
+        [&](const std::string& name) {
+          const StatusOr<std::string> inside = JoinInside(json_.images.path, name);
+          return inside.ok() && (options_.elsewhere.contains(*inside) || options_.allowed.Exists(Full(*inside)));
+        },
+        [&] { return ListImages(); });
+    if (found.other_case > 0) {
+      Warn(absl::StrCat(json_.images.path, ": ", found.other_case,
+                        " images have files whose names differ in upper and lower case, such as '",
+                        found.other_case_file, "' for '", found.other_case_name, "'"));
     }
+    std::vector<std::string> paths(scene_.views.size());  // of the files to check; relative to the scene's folder
+    std::vector<std::string> missing, hints;
+    std::map<std::string, size_t> view_of_file;
+    std::vector<Status> of_names;
+    for (size_t i = 0; i < scene_.views.size(); ++i) {
+      SceneView& view = scene_.views[i];
+      const bool has_file = !found.files[i].empty();
+      const StatusOr<std::string> inside =
+          JoinInside(json_.images.path, has_file ? found.files[i] : PlainImageName(view.name));
+      if (!inside.ok()) {
+        of_names.push_back(InputError(Full(json_.cameras.path), "images", absl::StrCat("the name '", view.name, "'"),
+                                      "a name inside the images folder"));
+      } else if (!has_file) {
+        missing.push_back(view.name);
+        hints.push_back(found.hints[i]);
+      } else if (const auto [first, is_new] = view_of_file.emplace(*inside, i); !is_new) {
+        of_names.push_back(InputError(Full(*inside), "",
+                                      absl::StrCat("one file for the images '", model_names_[first->second], "' and '",
+                                                   view.name, "' of the COLMAP model"),
+                                      "a file for each image"));
+      } else {
+        view.name = found.files[i];
+        paths[i] = *inside;
+      }
+    }
+    if (!missing.empty()) {
+      faults_.Add(MissingImagesError(Full(json_.images.path), missing, hints, scene_.views.size()));
+    }
+    for (const Status& fault : of_names) faults_.Add(fault);
+    std::vector<Status> checked(scene_.views.size());
+    ParallelForEach(scene_.views.size(), 1, [&](size_t i) {
+      if (!paths[i].empty()) checked[i] = CheckImage(paths[i], scene_.views[i]);
+    });
+    for (size_t i = 0; i < checked.size(); ++i) {
+      faults_.Add(checked[i]);
+      if (paths[i].empty() || !checked[i].ok()) continue;
+      scene_.views[i].image_path = paths[i];
+      scene_.files.push_back(paths[i]);
+    }
+  }
+
+  // All files of the images folder, relative to it; none if it cannot be listed.
+  std::vector<std::string> ListImages() {
+    std::vector<std::string> names;
+    std::string prefix = json_.images.path + "/";
+    while (prefix.ends_with("//")) prefix.pop_back();
+    for (const std::string& file : options_.elsewhere) {
+      if (file.starts_with(prefix)) names.push_back(file.substr(prefix.size()));
+    }
+    if (options_.allowed.IsFolder(Full(json_.images.path)).value_or(false)) {
+      const StatusOr<std::vector<std::string>> files = options_.allowed.List(Full(json_.images.path));
+      if (files.ok()) names.insert(names.end(), files->begin(), files->end());
+    }
+    std::sort(names.begin(), names.end());
+    names.erase(std::unique(names.begin(), names.end()), names.end());
+    return names;
+  }
+
+  // Compares the size in the header of the image at `inside`, relative to the scene's folder, with the view's camera.
+  Status CheckImage(const std::string& inside, const SceneView& view) const {
+    if (options_.elsewhere.contains(inside)) return absl::OkStatus();
+    const std::string path = Full(inside);
+    const StatusOr<AllowedFile> file = options_.allowed.Open(path);
+    if (!file.ok()) {
+      return absl::IsNotFound(file.status())
+                 ? InputError(path, "", "no such file", absl::StrCat("image '", view.name, "' of the COLMAP model"))
+                 : file.status();
+    }
+    const StatusOr<ImageSize> size = ReadImageSize(file->path());
+    if (!size.ok()) return Named(size.status(), *file, path);
+    if (size->width == view.lens.pinhole.width && size->height == view.lens.pinhole.height) return absl::OkStatus();
+    return InputError(
+        path, "", absl::StrCat(size->width, " x ", size->height, " pixels"),
+        absl::StrCat(view.lens.pinhole.width, " x ", view.lens.pinhole.height, " (the size of its camera)"));
   }
 
   void WarnOfDefault() {
@@ -202,20 +260,45 @@ class SceneLoader {
     }
     scene_.has_likelihoods = true;
     if (json_.likelihoods_source == kDefaultLikelihoods) WarnOfDefault();
-    for (SceneView& view : scene_.views) {
+    const std::vector<std::string> stems = ViewStems(scene_);
+    std::set<std::string> ambiguous;
+    for (size_t v = 0; v < scene_.views.size(); ++v) {
+      SceneView& view = scene_.views[v];
+      // A file may also have the image's whole name, or the name in the model.
+      auto it = by_stem.find(stems[v]);
+      for (const std::string& other : {view.name, WithoutExtension(PlainImageName(model_names_[v]))}) {
+        if (it == by_stem.end() && stems[v] != view.name) it = by_stem.find(other);
+      }
       const std::string stem = WithoutExtension(view.name);
-      const auto it = by_stem.find(stem);
-      if (it == by_stem.end()) {
-        faults_.Add(InputError(absl::StrCat(Full(folder), "/", stem), "", "no .tif, .tiff, .npy or .png",
+      const std::string path = absl::StrCat(Full(folder), "/", stems[v]);
+      if (it == by_stem.end() && stems[v] == view.name && by_stem.contains(stem)) {
+        if (!ambiguous.insert(stem).second) continue;
+        const std::string& file = by_stem[stem].front();
+        faults_.Add(InputError(
+            absl::StrCat(Full(folder), "/", file), "",
+            absl::StrCat("one name for the likelihoods of ", ImagesOfStem(stem)),
+            absl::StrCat("a file for each, such as '", view.name, fs::path(file).extension().string(), "'")));
+      } else if (it == by_stem.end()) {
+        faults_.Add(InputError(path, "", "no .tif, .tiff, .npy or .png",
                                absl::StrCat("the likelihoods of image '", view.name, "'")));
       } else if (it->second.size() > 1) {
-        faults_.Add(InputError(absl::StrCat(Full(folder), "/", stem), "", absl::StrCat(it->second.size(), " files"),
+        faults_.Add(InputError(path, "", absl::StrCat(it->second.size(), " files"),
                                absl::StrCat("one for image '", view.name, "'")));
       } else {
         view.likelihood_path = absl::StrCat(folder, "/", it->second.front());
         scene_.files.push_back(view.likelihood_path);
       }
     }
+  }
+
+  // "'a.jpg' and 'a.png'": the images whose names without extension are `stem`.
+  std::string ImagesOfStem(const std::string& stem) const {
+    std::string images;
+    for (const SceneView& view : scene_.views) {
+      if (WithoutExtension(view.name) != stem) continue;
+      absl::StrAppend(&images, images.empty() ? "" : " and ", "'", view.name, "'");
+    }
+    return images;
   }
 
   void FindMesh() {
@@ -233,9 +316,13 @@ class SceneLoader {
     }
     const StatusOr<AllowedFile> file = options_.allowed.Open(Full(json_.mesh.path));
     if (!file.ok()) return faults_.Add(file.status());
+    const StatusOr<std::string> head = file->Read(0, 1 << 16);
+    if (head.ok() && IsLfsPointer(*head)) {
+      scene_.mesh_has_labels = true;  // unknown
+      return faults_.Add(LfsPointerError(Full(json_.mesh.path)));
+    }
     scene_.mesh_path = json_.mesh.path;
     scene_.files.push_back(json_.mesh.path);
-    const StatusOr<std::string> head = file->Read(0, 1 << 16);
     scene_.mesh_has_labels = head.ok() && HeadHasLabels(*head);
   }
 
@@ -268,7 +355,7 @@ class SceneLoader {
                                "a flight for each image"));
       }
     }
-    for (size_t f = 0; f < images.size(); ++f) {
+    for (size_t f = 0; f < images.size() && has_all_views_; ++f) {
       if (images[f] == 0)
         Warn(absl::StrCat("flight '", json_.flights[f].flight.name, "' has no images: check its patterns"));
     }
@@ -290,6 +377,8 @@ class SceneLoader {
   Faults& faults_;
   SceneDescription scene_;
   SceneFile json_;
+  bool has_all_views_ = false;            // of the model: it has no faults
+  std::vector<std::string> model_names_;  // of the views
 };
 
 }  // namespace
@@ -298,6 +387,17 @@ std::vector<std::string> ClassNames(const SceneDescription& scene) {
   std::vector<std::string> names;
   for (const SceneClass& c : scene.classes) names.push_back(c.name);
   return names;
+}
+
+std::vector<std::string> ViewStems(const SceneDescription& scene) {
+  std::map<std::string, std::set<std::string>> images;
+  for (const SceneView& view : scene.views) images[WithoutExtension(view.name)].insert(view.name);
+  std::vector<std::string> stems;
+  for (const SceneView& view : scene.views) {
+    const std::string stem = WithoutExtension(view.name);
+    stems.push_back(images[stem].size() > 1 ? view.name : stem);
+  }
+  return stems;
 }
 
 SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOptions& options, Warnings* warnings,

@@ -34,7 +34,7 @@ struct Flight {
 
 // One image with its pose. Paths are relative to the scene's folder; `likelihood_path` is empty without likelihoods.
 struct SceneView {
-  std::string name;  // file name relative to the images folder, as in the COLMAP model
+  std::string name;  // of its file, relative to the images folder; the COLMAP model may write it in another form
   std::string image_path;
   std::string likelihood_path;
   LensModel lens;
@@ -64,6 +64,10 @@ struct SceneDescription {
 
 // The names of the scene's classes, in order.
 std::vector<std::string> ClassNames(const SceneDescription& scene);
+
+// The names, without extension, of files that belong to one view each, such as likelihoods: the image's name without
+// its extension, or the whole name if two images differ in their extensions only.
+std::vector<std::string> ViewStems(const SceneDescription& scene);
 
 // Options for scenes of updates, which continue a base job.
 struct SceneLoadOptions {

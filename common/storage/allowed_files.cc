@@ -96,6 +96,12 @@ StatusOr<FileStamp> AllowedFile::Stamp() const {
   return FileStamp{info.st_size, int64_t{info.st_ctim.tv_sec} * 1'000'000'000 + info.st_ctim.tv_nsec};
 }
 
+StatusOr<int64_t> AllowedFile::ModifiedNs() const {
+  struct stat info;
+  if (::fstat(fd_, &info) != 0) return FileError(errno, "cannot read " + real_path_);
+  return int64_t{info.st_mtim.tv_sec} * 1'000'000'000 + info.st_mtim.tv_nsec;
+}
+
 StatusOr<std::string> AllowedFile::Read(int64_t offset_bytes, int64_t size_bytes) const {
   return ReadRange(fd_, real_path_, offset_bytes, size_bytes);
 }

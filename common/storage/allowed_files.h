@@ -26,6 +26,8 @@ class AllowedFile {
   const std::string& real_path() const { return real_path_; }
   // Size and inode change time. Users cannot set the latter, unlike the modification time.
   StatusOr<FileStamp> Stamp() const;
+  // The modification time (Unix time), which users can set.
+  StatusOr<int64_t> ModifiedNs() const;
   StatusOr<std::string> Read(int64_t offset_bytes, int64_t size_bytes) const;
   // CANCELLED if `cancelled` returns true. It may be empty.
   StatusOr<Digest> Hash(const std::function<bool()>& cancelled) const;

@@ -80,14 +80,13 @@ StatusOr<std::vector<bool>> LeftOut(const std::vector<std::string>& names, const
   return left_out;
 }
 
-// Path of the likelihoods of a view, of any supported format.
-StatusOr<std::string> LikelihoodPath(const std::string& folder, const SceneView& view) {
+// Path of the likelihoods of a view, of any supported format. `stem`: of the view (ViewStems).
+StatusOr<std::string> LikelihoodPath(const std::string& folder, const std::string& stem, const SceneView& view) {
+  const std::string path = (fs::path(folder) / stem).string();
   for (const char* extension : {".tif", ".tiff", ".npy", ".png"}) {
-    const fs::path path = fs::path(folder) / fs::path(view.name).replace_extension(extension);
-    if (fs::exists(path)) return path.string();
+    if (fs::exists(path + extension)) return path + extension;
   }
-  return InputError((fs::path(folder) / fs::path(view.name).replace_extension()).string(), "",
-                    "no .tif, .tiff, .npy or .png", "the likelihoods of image '" + view.name + "'");
+  return InputError(path, "", "no .tif, .tiff, .npy or .png", "the likelihoods of image '" + view.name + "'");
 }
 
 // Renders a mesh's labels in the views, only at pixels where the start mesh has a surface too.
@@ -126,8 +125,10 @@ class MeshInViews {
 Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescription& scene,
                            const TruthLabelSource& truth_labels) {
   const int classes = static_cast<int>(scene.classes.size());
+  const std::vector<std::string> stems = ViewStems(scene);
   const LikelihoodSource likelihoods = [&](size_t view) -> StatusOr<FloatImage> {
-    TESSERA_ASSIGN_OR_RETURN(const std::string path, LikelihoodPath(arguments.likelihoods, scene.views[view]));
+    TESSERA_ASSIGN_OR_RETURN(const std::string path,
+                             LikelihoodPath(arguments.likelihoods, stems[view], scene.views[view]));
     return ReadLikelihoods(path, classes, scene.views[view].lens);
   };
   std::optional<MeshInViews> mesh_in_views;

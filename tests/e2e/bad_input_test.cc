@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -55,6 +56,13 @@ std::vector<BadInput> BadInputs() {
       {"UnreadableImage",
        [](const std::string& city) { WriteText(city + "/images/east_00_000.jpg", "not a picture"); },
        {"east_00_000.jpg"}},
+      {"ImageDamagedInside",
+       [](const std::string& city) {
+         std::string jpeg = Content(city + "/images/east_00_000.jpg");
+         std::fill(jpeg.begin() + jpeg.size() * 4 / 10, jpeg.begin() + jpeg.size() * 6 / 10, '\0');
+         WriteText(city + "/images/east_00_000.jpg", jpeg);
+       },
+       {"east_00_000.jpg", "a damaged JPEG image"}},
       {"TruncatedMesh",
        [](const std::string& city) { fs::resize_file(city + "/mesh.ply", fs::file_size(city + "/mesh.ply") / 2); },
        {"mesh.ply"}},

@@ -1,4 +1,4 @@
-// COLMAP's binary files, as three frames: cameras, images, points.
+// COLMAP's binary files, as three or five frames: cameras, images, points, rigs, frames.
 #pragma once
 
 #include <string>
@@ -7,6 +7,8 @@
 
 namespace tessera {
 
-inline bool RunColmapBinaryTarget(const std::string& bytes) { return RunColmapTarget(bytes, ParseColmapBinary); }
+inline bool RunColmapBinaryTarget(const std::string& bytes) {
+  return RunColmapTarget(bytes, ParseColmapBinary, ParseColmapFramesBinary);
+}
 
 }  // namespace tessera

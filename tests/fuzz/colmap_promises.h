@@ -7,16 +7,19 @@
 #include <vector>
 
 #include "common/scene/colmap.h"
+#include "common/scene/colmap_frames.h"
 #include "tests/fuzz/frames.h"
 #include "tests/fuzz/promises.h"
 
 namespace tessera {
 
-// True if all three were taken without a fault.
-inline bool RunColmapTarget(const std::string& bytes, decltype(&ParseColmapText) parse) {
+// True if all files were taken without a fault. Rigs and frames may be missing.
+inline bool RunColmapTarget(const std::string& bytes, decltype(&ParseColmapText) parse,
+                            decltype(&ParseColmapFramesText) parse_frames) {
   std::vector<InputFrame> files = SplitFrames(bytes);
-  files.resize(3);
-  bool good = true;
+  const bool has_frames = files.size() > 4;
+  files.resize(5);
+  bool good = true, good_frames = true;
   for (const CalibrationContent content : {CalibrationContent::kCameras, CalibrationContent::kCamerasAndPoints}) {
     CalibratedImages model;
     Faults faults;
@@ -36,8 +39,21 @@ inline bool RunColmapTarget(const std::string& bytes, decltype(&ParseColmapText)
       if (good) Require(model.cameras.contains(image.camera_id), "images have cameras");
     }
     for (const TiePoint& point : model.points) Require(point.position.allFinite(), "points are finite");
+    if (!has_frames) continue;
+    Faults of_frames;
+    const ColmapFrames frames = parse_frames(files[3].bytes, files[4].bytes, "folder", &of_frames);
+    good_frames = Accepted(of_frames);
+    for (const auto& [camera, pose] : frames.cam_from_rig) {
+      Require(pose.rotation.allFinite() && pose.translation.allFinite(), "poses in rigs are finite");
+    }
+    for (const ColmapFrames::Image& image : frames.images) {
+      Require(image.rig_from_world.translation.allFinite(), "poses of rigs are finite");
+    }
+    Faults different;
+    CompareWithFrames(model, frames, "folder", ".txt", &different);
+    good_frames = Accepted(different) && good_frames;
   }
-  return good;
+  return good && good_frames;
 }
 
 }  // namespace tessera

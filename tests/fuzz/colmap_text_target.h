@@ -1,4 +1,4 @@
-// COLMAP's text files, as three frames: cameras, images, points.
+// COLMAP's text files, as three or five frames: cameras, images, points, rigs, frames.
 #pragma once
 
 #include <string>
@@ -7,6 +7,8 @@
 
 namespace tessera {
 
-inline bool RunColmapTextTarget(const std::string& bytes) { return RunColmapTarget(bytes, ParseColmapText); }
+inline bool RunColmapTextTarget(const std::string& bytes) {
+  return RunColmapTarget(bytes, ParseColmapText, ParseColmapFramesText);
+}
 
 }  // namespace tessera

@@ -44,6 +44,19 @@ class AnnotationsTest : public testing::Test {
   Warnings warnings_;
 };
 
+TEST_F(AnnotationsTest, HaveTheWholeNameIfTwoImagesHaveOneStem) {
+  scene_.views[1].name = "view2.jpg";  // beside view2.png
+  ByteImage numbers = Numbers();
+  for (int c = 0; c < 3; ++c) Row(&numbers, 10 * c, {c});
+  Paint("view2.jpg.png", numbers);
+  const StatusOr<Annotations> read = Read();
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_EQ(read->images.size(), 1u);
+  EXPECT_EQ(read->images[0].view, 1u);
+  Paint("view2.png", numbers);
+  EXPECT_THAT(Message(), HasSubstr("painted/view2.png: found a name that matches no image"));
+}
+
 TEST_F(AnnotationsTest, ClassIdsAndColoursGiveEqualLabels) {
   ByteImage numbers = Numbers(), colours = Numbers(3);
   for (int c = 0; c < 3; ++c) {

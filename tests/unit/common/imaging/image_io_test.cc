@@ -3,9 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <opencv2/imgcodecs.hpp>
 
 #include "common/base/random.h"
 #include "common/imaging/npy.h"
@@ -15,6 +17,7 @@
 namespace tessera {
 namespace {
 
+using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsNan;
@@ -81,6 +84,86 @@ TEST(ImageIoTest, RejectsDamagedImagesByName) {
   EXPECT_FALSE(ReadImageSize(folder + "/empty.png").ok());
   EXPECT_FALSE(ReadImageSize(folder + "/none.png").ok());
   EXPECT_FALSE(ReadLuminance(folder + "/empty.png", PinholeOf(64, 64)).ok());
+}
+
+TEST(ImageIoTest, JpegsHaveThePixelsOfOpenCv) {
+  const std::string path = FreshTestFolder("f") + "/a.jpg";
+  for (const int channels : {1, 3}) {
+    for (const int quality : {40, 95}) {
+      ASSERT_TRUE(WriteJpeg(path, RandomImage(61, 35, channels), quality).ok());
+      const std::vector<uint8_t> bytes = Bytes(ReadText(path));
+      const cv::Mat expected = cv::imdecode(bytes, cv::IMREAD_COLOR);
+      const StatusOr<ByteImage> image = ReadRgb(path);
+      ASSERT_TRUE(image.ok()) << image.status();
+      ASSERT_EQ(image->width, expected.cols);
+      ASSERT_EQ(image->height, expected.rows);
+      for (int y = 0; y < image->height; ++y) {
+        for (int x = 0; x < image->width; ++x) {
+          for (int c = 0; c < 3; ++c) ASSERT_EQ(image->at(x, y, c), expected.at<cv::Vec3b>(y, x)[2 - c]);
+        }
+      }
+    }
+  }
+}
+
+// A JPEG of random pixels, and where its image data begins.
+struct JpegText {
+  std::string bytes;
+  size_t data = 0;
+};
+JpegText WriteRandomJpeg(const std::string& path) {
+  EXPECT_TRUE(WriteJpeg(path, RandomImage(160, 120, 3), 90).ok());
+  JpegText jpeg = {ReadText(path)};
+  const size_t scan = jpeg.bytes.find("\xff\xda");
+  EXPECT_NE(scan, std::string::npos);
+  jpeg.data = scan + 14;  // after the header of a scan of three components
+  return jpeg;
+}
+std::string FaultOfImage(const std::string& path, const std::string& bytes) {
+  WriteText(path, bytes);
+  const Status luminance = ReadLuminance(path, PinholeOf(160, 120)).status(), rgb = ReadRgb(path).status();
+  EXPECT_EQ(luminance, rgb);
+  return std::string(luminance.message());
+}
+
+TEST(ImageIoTest, RefusesJpegsThatAreDamagedInside) {
+  const std::string path = FreshTestFolder("f") + "/a.jpg";
+  const JpegText jpeg = WriteRandomJpeg(path);
+  const size_t middle = (jpeg.data + jpeg.bytes.size()) / 2;
+  EXPECT_EQ(FaultOfImage(path, jpeg.bytes), "");
+  // The second half is missing, but the file ends as it should: a decoder fills in grey.
+  EXPECT_THAT(FaultOfImage(path, jpeg.bytes.substr(0, middle) + "\xff\xd9"),
+              AllOf(HasSubstr("a.jpg: found a damaged JPEG image"), HasSubstr("at or before row "),
+                    HasSubstr("premature end of data segment"), HasSubstr("copy or export it again")));
+  std::string zeros = jpeg.bytes;
+  std::fill_n(zeros.begin() + static_cast<std::ptrdiff_t>(middle), 1024, '\0');
+  EXPECT_THAT(FaultOfImage(path, zeros), HasSubstr("a damaged JPEG image"));
+  EXPECT_THAT(FaultOfImage(path, jpeg.bytes.substr(0, middle) + jpeg.bytes.substr(middle + 500)),
+              HasSubstr("a damaged JPEG image"));
+  // Image data that is left over.
+  EXPECT_THAT(FaultOfImage(path, jpeg.bytes.substr(0, middle) + jpeg.bytes.substr(middle - 500)),
+              HasSubstr("a damaged JPEG image"));
+}
+
+TEST(ImageIoTest, TakesJpegsWithPaddingAndTrailingData) {
+  const std::string path = FreshTestFolder("f") + "/a.jpg";
+  const JpegText jpeg = WriteRandomJpeg(path);
+  const StatusOr<ByteImage> expected = ReadRgb(path);
+  ASSERT_TRUE(expected.ok()) << expected.status();
+  const std::string without_end = jpeg.bytes.substr(0, jpeg.bytes.size() - 2), end = "\xff\xd9";
+  for (const std::string& bytes : {without_end + std::string(100, '\0') + end, jpeg.bytes + "a preview"}) {
+    WriteText(path, bytes);
+    const StatusOr<ByteImage> image = ReadRgb(path);
+    ASSERT_TRUE(image.ok()) << image.status();
+    EXPECT_EQ(image->data, expected->data);
+  }
+}
+
+TEST(ImageIoTest, NamesLfsPointers) {
+  const std::string path = FreshTestFolder("f") + "/a.jpg";
+  WriteText(path, "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345678\n");
+  EXPECT_THAT(std::string(ReadImageSize(path).status().message()),
+              AllOf(HasSubstr("a.jpg: found a Git LFS pointer"), HasSubstr("git lfs pull")));
 }
 
 TEST(ImageIoTest, LuminanceRequiresTheCamerasSize) {

@@ -5,11 +5,14 @@
 
 #include <cstring>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "common/base/random.h"
 
 namespace tessera {
 namespace {
 
+using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -74,8 +77,9 @@ TEST(ColmapTextTest, EveryFaultNamesItsLine) {
                           HasSubstr("m/cameras.txt: line 3: found camera model NONSENSE")));
   EXPECT_THAT(TextFaults(std::string(kCamera) + kCamera, ""),
               ElementsAre(HasSubstr("line 2: found camera 1 again, expected a unique id or name (first at line 1)")));
-  EXPECT_THAT(TextFaults("1 PINHOLE 640 480 500 510 320\n", ""),
-              ElementsAre(HasSubstr("line 1: found 3 parameters, expected 4")));
+  EXPECT_THAT(
+      TextFaults("1 PINHOLE 640 480 500 510 320\n", ""),
+      ElementsAre(HasSubstr("line 1: found 3 parameters for camera 1 of model PINHOLE, expected 4 (fx fy cx cy)")));
   EXPECT_THAT(TextFaults("1 PINHOLE 640 480 500 x 320 240\n", ""), ElementsAre(HasSubstr("line 1: found 'x'")));
   EXPECT_THAT(TextFaults("1 PINHOLE 640 480 nan 510 320 240\n", ""), ElementsAre(HasSubstr("found parameter nan")));
   EXPECT_THAT(TextFaults("1 PINHOLE 640 480 -5 510 320 240\n", ""), ElementsAre(HasSubstr("found focal length -5")));
@@ -95,6 +99,108 @@ TEST(ColmapTextTest, EveryFaultNamesItsLine) {
   EXPECT_THAT(TextFaults(kCamera, "1 1 0 0 0 0 0 0 1 a.jpg\n1 2\n"),
               ElementsAre(HasSubstr("line 2: found the end of the line")));
   EXPECT_THAT(TextFaults(kCamera, kImage, "1 1 2\n"), ElementsAre(HasSubstr("m/points3D.txt: line 1")));
+}
+
+// A pose for each name, with ids from 1, each followed by `after`.
+std::string Poses(const std::vector<std::string>& names, const std::string& after) {
+  std::string text;
+  for (size_t i = 0; i < names.size(); ++i) {
+    text += absl::StrCat(i + 1, " 1 0 0 0 ", i, " 0.25 2 1 ", names[i], "\n", after);
+  }
+  return text;
+}
+std::vector<std::string> NamesOf(const CalibratedImages& model) {
+  std::vector<std::string> names;
+  for (const CalibratedImage& image : model.images) names.push_back(image.name);
+  return names;
+}
+
+TEST(ColmapTextTest, ReadsImagesWithoutLinesOfPoints) {
+  const std::vector<std::string> names = {"a.jpg", "1", "2 3.jpg", "d e.jpg"};
+  for (const char* after : {"", "\n", "# comment\n", "\n# comment\n\n", "# comment\n\n", " \t\r\n"}) {
+    for (const CalibrationContent content : {CalibrationContent::kCameras, kAll}) {
+      CalibratedImages model;
+      Faults faults;
+      ParseColmapText(kCamera, "# images\n" + Poses(names, after), "", "m", content, &model, &faults);
+      EXPECT_THAT(faults.messages(), IsEmpty()) << after;
+      EXPECT_EQ(NamesOf(model), names) << after;
+    }
+  }
+}
+
+TEST(ColmapTextTest, LinesOfWholeNumbersArePoints) {
+  CalibratedImages model;
+  EXPECT_THAT(
+      TextFaults(kCamera, Poses({"a.jpg", "b.jpg"}, "# points\n10 20 7 30 40 8 50 60 9 70 80 10\n"), "", &model),
+      IsEmpty());
+  EXPECT_THAT(NamesOf(model), ElementsAre("a.jpg", "b.jpg"));
+  ASSERT_EQ(model.images[1].observations.size(), 4u);
+  EXPECT_EQ(model.images[1].observations[2].point_id, 9u);
+}
+
+TEST(ColmapTextTest, RefusesAMixtureOfImagesWithAndWithoutLinesOfPoints) {
+  const std::string pose = "1 0 0 0 0 0 2 1 ";
+  for (const CalibrationContent content : {CalibrationContent::kCameras, kAll}) {
+    const auto faults = [&](const std::string& images) {
+      CalibratedImages model;
+      Faults found;
+      ParseColmapText(kCamera, images, "", "m", content, &model, &found);
+      return found.messages();
+    };
+    EXPECT_THAT(faults("1 " + pose + "a.jpg\n1 2 3\n2 " + pose + "b.jpg\n3 " + pose + "c.jpg\n1 2 3\n"),
+                ElementsAre(AllOf(HasSubstr("m/images.txt: line 3: found no line of image points"),
+                                  HasSubstr("line 2 has image points"))));
+    EXPECT_THAT(faults("1 " + pose + "a.jpg\n2 " + pose + "b.jpg\n1 2 3\n3 " + pose + "c.jpg\n4 " + pose + "d.jpg\n"),
+                ElementsAre(AllOf(HasSubstr("m/images.txt: line 3: found a line of image points"),
+                                  HasSubstr("the image of line 1 has none"))));
+  }
+}
+
+TEST(ColmapTextTest, AFaultyPoseIsNoLineOfPoints) {
+  for (const CalibrationContent content : {CalibrationContent::kCameras, kAll}) {
+    CalibratedImages model;
+    Faults faults;
+    ParseColmapText(kCamera, "1 1 0 0 0 0 0 2 1 a.jpg\n-2 1 0 0 0 0 0 2 1 b.jpg\n", "", "m", content, &model, &faults);
+    EXPECT_THAT(faults.messages(), ElementsAre(HasSubstr("m/images.txt: line 2: found 'b.jpg'")));
+  }
+}
+
+TEST(ColmapTextTest, TakesByteOrderMarksCarriageReturnsAndTabs) {
+  const auto windows = [](const std::string& text) {
+    return "\xef\xbb\xbf# list\r\n" + absl::StrReplaceAll(text, {{"\n", "\r\n"}, {" ", "\t"}});
+  };
+  CalibratedImages model;
+  EXPECT_THAT(TextFaults(windows(kCamera), windows("1 1 0 0 0 5.0e-001 0.25 2 1 a.jpg\n10 20 7 30 40 -1 \n"),
+                         windows("7 1 2 3 0 0 0 0.5 1 0\n"), &model),
+              IsEmpty());
+  EXPECT_THAT(NamesOf(model), ElementsAre("a.jpg"));
+  EXPECT_EQ(model.images[0].translation_cam_from_world.x(), 0.5);
+  EXPECT_EQ(model.images[0].observations.size(), 1u);
+  EXPECT_EQ(model.points.size(), 1u);
+  CalibratedImages unmarked;
+  EXPECT_THAT(TextFaults("\xef\xbb\xbf" + std::string(kCamera), "\xef\xbb\xbf" + std::string(kImage), "", &unmarked),
+              IsEmpty());
+  EXPECT_THAT(NamesOf(unmarked), ElementsAre("a b.jpg"));
+  EXPECT_THAT(TextFaults(std::string("\xff\xfe#\0", 4), kImage),
+              ElementsAre(HasSubstr("m/cameras.txt: found a text in UTF-16, expected UTF-8")));
+}
+
+TEST(ColmapTextTest, NamesTheModelThatIsLikelyMeant) {
+  EXPECT_THAT(TextFaults("4 SIMPLE_RADIAL 640 480 500 320 240 0.1 0\n", ""),
+              ElementsAre(AllOf(HasSubstr("line 1: found 5 parameters for camera 4 of model SIMPLE_RADIAL, expected 4"),
+                                HasSubstr("likely RADIAL (f cx cy k1 k2)"))));
+  EXPECT_THAT(TextFaults("4 BROWN 640 480 500 320 240 0.1 0\n", ""),
+              ElementsAre(AllOf(HasSubstr("found camera model BROWN with 5 parameters, likely RADIAL (f cx cy k1 k2)"),
+                                HasSubstr("FULL_OPENCV"), HasSubstr("colmap image_undistorter"))));
+}
+
+TEST(ColmapTextTest, FaultsOfACameraCountIfAnImageHasIt) {
+  const std::string unused = std::string(kCamera) + "77 SIMPLE_RADIAL 640 480 -nan(ind) 320 240 0\n78 FOV 640 480 1\n";
+  CalibratedImages model;
+  EXPECT_THAT(TextFaults(unused, kImage, "", &model), IsEmpty());
+  EXPECT_EQ(model.cameras.size(), 1u);
+  EXPECT_THAT(TextFaults(unused, "1 1 0 0 0 0 0 2 77 a.jpg\n\n2 1 0 0 0 0 0 2 77 b.jpg\n\n"),
+              ElementsAre(HasSubstr("m/cameras.txt: line 2: found parameter nan")));
 }
 
 // Writes COLMAP's binary files.
@@ -203,6 +309,22 @@ TEST(ColmapBinaryTest, UnknownModelNamesItsNumber) {
   std::string cameras = BinaryCameras();
   cameras[12] = 77;
   EXPECT_THAT(BinaryFaults(cameras, "", ""), testing::Contains(HasSubstr("byte 8: found camera model 77")));
+  // The cameras after it cannot be read; that is no second fault.
+  EXPECT_THAT(BinaryFaults(cameras, BinaryImages(), ""), ElementsAre(HasSubstr("byte 8: found camera model 77")));
+}
+
+TEST(ColmapBinaryTest, ReadsOnAfterAnUnsupportedModel) {
+  Writer cameras;
+  cameras.Put<uint64_t>(2);
+  cameras.Put<uint32_t>(2).Put<int32_t>(11).Put<uint64_t>(640).Put<uint64_t>(480);
+  for (int k = 0; k < 16; ++k) cameras.Put(0.5);
+  cameras.Put<uint32_t>(1).Put<int32_t>(1).Put<uint64_t>(640).Put<uint64_t>(480).Put(500.0).Put(510.0).Put(320.0).Put(
+      240.0);
+  CalibratedImages model;
+  EXPECT_THAT(BinaryFaults(cameras.bytes, BinaryImages(), "", &model),
+              ElementsAre(AllOf(HasSubstr("byte 8: found camera model RAD_TAN_THIN_PRISM_FISHEYE"),
+                                HasSubstr("colmap image_undistorter"))));
+  EXPECT_EQ(model.cameras.size(), 1u);
 }
 
 }  // namespace

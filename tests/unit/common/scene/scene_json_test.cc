@@ -26,6 +26,11 @@ SceneFile Parse(const std::string& text) {
   return file;
 }
 
+TEST(SceneJsonTest, TakesFilesFromWindows) {
+  const SceneFile file = Parse("\xef\xbb\xbf{\r\n\t\"tessera_scene\": 1,\r\n\t\"name\": \"a city\"\r\n}\r\n");
+  EXPECT_EQ(file.name, "a city");
+}
+
 TEST(SceneJsonTest, MinimalSceneUsesDefaults) {
   const SceneFile file = Parse(R"({"tessera_scene": 1})");
   EXPECT_EQ(file.cameras.path, "colmap");
