@@ -11,7 +11,7 @@ namespace tessera {
 namespace {
 
 constexpr MeshFormat kFormats[] = {
-    {"PLY", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyFaceCount},
+    {"PLY", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyHasMoreFaces},
 };
 
 constexpr int64_t kHeadBytes = 256;
@@ -38,26 +38,26 @@ StatusOr<const MeshFormat*> FormatOfFile(const std::string& path) {
 
 }  // namespace
 
-StatusOr<MeshContent> ReadMesh(const std::string& path) {
+StatusOr<MeshContent> ReadMesh(const std::string& path, const MeshReadOptions& options) {
   TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
-  return format->read(path);
+  return format->read(path, options);
 }
 
-bool HeadHasLabels(std::string_view head) {
+bool HeadHasLabels(std::string_view head, const std::optional<std::string>& label_property) {
   for (const MeshFormat& format : kFormats) {
-    if (format.matches(head)) return format.has_labels(head);
+    if (format.matches(head)) return format.has_labels(head, label_property);
   }
   return false;
 }
 
-Status StreamMesh(const std::string& path, MeshSink* sink) {
+Status StreamMesh(const std::string& path, const MeshReadOptions& options, MeshSink* sink) {
   TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
-  return format->stream(path, sink);
+  return format->stream(path, options, sink);
 }
 
-StatusOr<int64_t> CountMeshFaces(const std::string& path) {
+StatusOr<bool> HasMoreFaces(const std::string& path, int64_t max_faces) {
   TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
-  return format->count_faces(path);
+  return format->has_more_faces(path, max_faces);
 }
 
 }  // namespace tessera

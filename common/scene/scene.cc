@@ -45,6 +45,7 @@ class SceneLoader {
     json_ = ParseSceneFile(*text, file, &faults_);
     scene_.name = json_.name.empty() ? fs::path(scene_.folder).filename().string() : json_.name;
     scene_.up_in_local = Eigen::Vector3d::UnitZ();
+    scene_.label_property = json_.label_property;
     scene_.files.push_back(fs::path(file).filename().string());
     LoadCameras();
     FindImages();
@@ -236,7 +237,7 @@ class SceneLoader {
     scene_.mesh_path = json_.mesh.path;
     scene_.files.push_back(json_.mesh.path);
     const StatusOr<std::string> head = file->Read(0, 1 << 16);
-    scene_.mesh_has_labels = head.ok() && HeadHasLabels(*head);
+    scene_.mesh_has_labels = head.ok() && HeadHasLabels(*head, json_.label_property);
   }
 
   void ChooseClasses() {
