@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <memory>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "common/meshio/byte_source.h"
+#include "common/meshio/foreign_content.h"
+#include "common/meshio/obj.h"
 #include "common/meshio/ply.h"
 
 namespace tessera {
@@ -12,9 +15,10 @@ namespace {
 
 constexpr MeshFormat kFormats[] = {
     {"PLY", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyHasMoreFaces},
+    {"OBJ", IsObj, ObjHasLabels, ReadObj, StreamObj, ObjHasMoreFaces},
 };
 
-constexpr int64_t kHeadBytes = 256;
+constexpr int64_t kHeadBytes = 4096;
 
 std::string Names() {
   std::string names;
@@ -29,6 +33,13 @@ StatusOr<const MeshFormat*> FormatOfFile(const std::string& path) {
   const char* const bytes = source->Peek(size);
   TESSERA_RETURN_IF_ERROR(source->status());
   const std::string_view head(bytes, bytes == nullptr ? 0 : size);
+  // OBJ has no signature, so others come first.
+  const std::optional<ForeignContent> foreign =
+      IsPly(head) ? std::nullopt : RecogniseForeignContent(head, source->size_bytes());
+  if (foreign) {
+    return InputError(path, "first bytes", foreign->name,
+                      absl::StrCat("a mesh file (", Names(), "): ", foreign->remedy));
+  }
   for (const MeshFormat& format : kFormats) {
     if (format.matches(head)) return &format;
   }

@@ -22,8 +22,9 @@ struct MeshFormat {
   StatusOr<bool> (*has_more_faces)(const std::string& path, int64_t max_faces);
 };
 
-// Reads a mesh file; the format is detected from its first bytes. INVALID_ARGUMENT if no format matches, NOT_FOUND if
-// the file does not exist, else errors of the format's reader (ReadPly).
+// Reads a mesh file; the format is detected from its first bytes. INVALID_ARGUMENT if no format matches, with what the
+// file is instead where its bytes show it (foreign_content.h). NOT_FOUND if the file does not exist. Else errors of the
+// format's reader (ReadPly, ReadObj).
 StatusOr<MeshContent> ReadMesh(const std::string& path, const MeshReadOptions& options = {});
 
 // Whether a file that begins with `head` has labels, of faces or vertices. False if no format matches.
