@@ -246,7 +246,7 @@ class HeaderParser {
       if (element.kind == PlyElementKind::kFace) face = &element;
     }
     if (vertex == nullptr) return Error("no element 'vertex'", "'element vertex COUNT'");
-    if (face == nullptr) return Error("no element 'face'", "'element face COUNT'");
+    if (face == nullptr) return Error("no element 'face'", "'element face COUNT': build a mesh from a point cloud");
     const auto has = [](const PlyElement& element, PlyRole role) {
       return std::any_of(element.properties.begin(), element.properties.end(),
                          [&](const PlyProperty& property) { return property.role == role; });
