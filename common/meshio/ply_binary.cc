@@ -122,7 +122,7 @@ class BinaryReader {
           const double value = LoadNumber<kSwap>(bytes, step.type);
           if (!LabelOf(value, label)) {
             return Error(element, absl::StrFormat("label %.*g", step.type == PlyType::kFloat64 ? 17 : 10, value),
-                         kExpectedLabel);
+                         ExpectedLabel(header_));
           }
           source_.Advance(step.bytes);
           break;

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "absl/strings/str_cat.h"
+#include "common/meshio/text_words.h"
 
 namespace tessera {
 namespace {
@@ -36,6 +37,15 @@ bool LabelOf(double value, int32_t& label) {
   if (value != std::floor(value) || value < -1 || value > std::numeric_limits<int32_t>::max()) return false;
   label = static_cast<int32_t>(value);
   return true;
+}
+
+std::string ExpectedLabel(const PlyHeader& header) {
+  // A property of another name may hold something else.
+  return absl::StrCat("a class index (a whole number), or -1 for no label",
+                      header.label_property == "label"
+                          ? ""
+                          : absl::StrCat("; if ", Quoted(header.label_property),
+                                         " holds no labels, set \"label_property\": null in scene.json"));
 }
 
 }  // namespace tessera

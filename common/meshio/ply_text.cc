@@ -85,7 +85,7 @@ class TextReader {
           double number = 0;
           const bool good = IsInteger(property.type) ? ParseInteger(word, integer) && LabelOf(integer, label)
                                                      : ParseNumber(word, number) && LabelOf(number, label);
-          if (!good) return Error(element, absl::StrCat("label ", Quoted(word)), kExpectedLabel);
+          if (!good) return Error(element, absl::StrCat("label ", Quoted(word)), ExpectedLabel(header_));
           break;
         }
         case PlyRole::kOther:

@@ -176,6 +176,16 @@ TEST(PlyLabels, AreWholeNumbers) {
                 " (face 1): found label 0.5, expected a class index (a whole number), or -1 for no label");
 }
 
+TEST(PlyLabels, ErrorsNameThePropertyIfItIsNotLabel) {
+  PlyParts ply;
+  ply.vertex_properties = {"float semantic"};
+  for (std::string& vertex : ply.vertices) vertex += " 0.25";
+  EXPECT_EQ(ParseWithWarnings(ply.Text()).error,
+            "city.ply: line 11 (vertex 0): found label '0.25', expected a class index (a whole number), or -1 for no "
+            "label; if 'semantic' holds no labels, set \"label_property\": null in scene.json");
+  EXPECT_EQ(ParseWithWarnings(ply.Text(), "").error, "");
+}
+
 TEST(PlyLabels, HaveTheNamesOfOtherPrograms) {
   for (const char* const name : {"class", "category_id", "category", "classification", "scalar_label", "scalar_Label",
                                  "scalar_Classification", "semantic", "label_id", "labels", "Label", "CLASS"}) {
