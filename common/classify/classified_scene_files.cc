@@ -64,6 +64,7 @@ Status WriteClassifiedScene(const SceneDescription& scene, const std::string& sc
   json["cameras"] = "cameras";
   json["images"] = "images";
   json["mesh"] = "mesh.ply";
+  if (!scene.label_property) json.erase("label_property");  // the mesh may be another than the scene's
   json["likelihoods"] = "geometry";
   json["likelihoods_source"] = source;
   return WriteFileAtomic((to / "scene.json").string(), json.dump(2) + "\n");

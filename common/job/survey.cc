@@ -203,6 +203,9 @@ static void from_json(const json& j, Flight& flight) { flight = {j.at("name"), j
 static void from_json(const json& j, Survey& s) {
   s.scene_name = j.at("scene_name");
   s.mesh_path = j.at("mesh");
+  if (const auto property = j.find("label_property"); property != j.end()) {
+    s.label_property = property->get<std::string>();
+  }
   s.gsd_m = j.at("gsd_m");
   s.up = VectorFromJson(j.at("up"));
   s.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
@@ -255,6 +258,7 @@ void FillViewDepths(Survey* survey) {
 Survey WithoutNames(Survey survey) {
   survey.scene_name.clear();
   survey.mesh_path.clear();
+  survey.label_property.reset();
   survey.flights.clear();
   survey.warnings.clear();
   survey.revision.reset();
@@ -303,6 +307,7 @@ std::string SurveyToJson(const Survey& s) {
               {"faces", s.faces},
               {"warnings", s.warnings}};
   if (!s.classifier.empty()) out["classifier"] = s.classifier;
+  if (s.label_property) out["label_property"] = *s.label_property;
   return out.dump();
 }
 

@@ -35,6 +35,8 @@ struct MeshRevision {
 struct Survey {
   std::string scene_name;
   std::string mesh_path;  // relative to the scene's folder
+  // Of the mesh, as in SceneDescription.
+  std::optional<std::string> label_property;
   double gsd_m = 0;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // local frame
   GroundPlane ground;

@@ -75,6 +75,14 @@ bool ByteSource::Skip(uint64_t size) {
   return true;
 }
 
+bool ByteSource::SkipByteOrderMark() {
+  constexpr std::string_view kMark = "\xef\xbb\xbf";
+  const char* const bytes = Peek(kMark.size());
+  if (bytes == nullptr || std::string_view(bytes, kMark.size()) != kMark) return false;
+  Advance(kMark.size());
+  return true;
+}
+
 bool ByteSource::NextLine(std::string_view& line, size_t max_bytes) {
   size_t searched = 0;
   while (true) {

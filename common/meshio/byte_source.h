@@ -35,6 +35,9 @@ class ByteSource {
   // line is longer than `max_bytes`.
   bool NextLine(std::string_view& line, size_t max_bytes = SIZE_MAX);
 
+  // Consumes a UTF-8 byte order mark; false if there is none.
+  bool SkipByteOrderMark();
+
   bool AtEnd() { return Peek(1) == nullptr; }
   // Bytes consumed so far.
   int64_t offset_bytes() const { return window_offset_bytes_ + (next_ - window_begin_); }

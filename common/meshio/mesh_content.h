@@ -2,6 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
 
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
@@ -10,17 +14,54 @@ namespace tessera {
 
 struct MeshContent {
   TriangleMesh mesh;             // labels empty if the file has none
+  std::string label_property;    // name of the labels' property in the file; empty without labels
   bool float_positions = false;  // the file stores x, y, z as 32-bit floats
+};
+
+struct MeshReadOptions {
+  // The property of faces or vertices that holds the labels. Empty: labels are not read. None: it is found by its name
+  // (ply_labels.h).
+  std::optional<std::string> label_property = {};
+  // Receives each conversion of unusual content, with `file_in_warnings`, the count and the first place. May be null.
+  Warnings* warnings = nullptr;
+  std::string file_in_warnings = {};
+
+  void Warn(const std::string& text) const;
+};
+
+enum class MeshLabels { kNone, kOfFaces, kOfVertices };
+
+// What a file declares before its elements.
+struct MeshLayout {
+  // Expected numbers, for reservations only: bounded by the file's size, and 0 if the file declares none. Faces of more
+  // than three vertices give more triangles.
+  int64_t vertices = 0, faces = 0;
+  MeshLabels labels = MeshLabels::kNone;
+  std::string label_property;  // empty without labels
+  bool float_positions = false;
 };
 
 // Receives a mesh element by element, in the order of the file.
 class MeshSink {
  public:
   virtual ~MeshSink() = default;
-  // Called first, with the counts that the file declares. The file may be shorter.
-  virtual Status Begin(int64_t vertices, int64_t faces, bool has_labels, bool float_positions) = 0;
-  virtual void AddVertex(const Eigen::Vector3d& position) = 0;
-  virtual void AddFace(const Triangle& vertices, int32_t label) = 0;  // `label`: 0 if the file has none
+  // Called first. The file may be shorter than declared.
+  virtual Status Begin(const MeshLayout& layout) = 0;
+  virtual void AddVertex(const Eigen::Vector3d& position, int32_t label) = 0;  // `label`: 0 unless kOfVertices
+  // The indices may be those of later vertices. If there is no such vertex, the reader returns an error at the end.
+  virtual void AddFace(const Triangle& vertices, int32_t label) = 0;  // `label`: 0 unless kOfFaces
 };
+
+// Collects what `stream` adds to its sink. RESOURCE_EXHAUSTED with `name` if the memory is too small for the mesh.
+StatusOr<MeshContent> CollectMesh(const std::string& name, const MeshReadOptions& options,
+                                  const std::function<Status(MeshSink&)>& stream);
+
+// The number of triangles that `stream` adds to its sink.
+StatusOr<int64_t> CountTriangles(const std::function<Status(MeshSink&)>& stream);
+
+// For files with kOfVertices. Gives each face the label of two or three of its vertices, or that of its first vertex if
+// all three differ. Warns, with the number of faces whose vertices differ.
+void LabelFacesByVertices(std::span<const Triangle> faces, std::span<const int32_t> vertex_labels,
+                          const std::string& label_property, const MeshReadOptions& options, std::span<int32_t> labels);
 
 }  // namespace tessera

@@ -2,19 +2,23 @@
 
 #include <algorithm>
 #include <memory>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "common/meshio/byte_source.h"
+#include "common/meshio/foreign_content.h"
+#include "common/meshio/obj.h"
 #include "common/meshio/ply.h"
 
 namespace tessera {
 namespace {
 
 constexpr MeshFormat kFormats[] = {
-    {"PLY", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyFaceCount},
+    {"PLY", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyHasMoreFaces},
+    {"OBJ", IsObj, ObjHasLabels, ReadObj, StreamObj, ObjHasMoreFaces},
 };
 
-constexpr int64_t kHeadBytes = 256;
+constexpr int64_t kHeadBytes = 4096;
 
 std::string Names() {
   std::string names;
@@ -29,6 +33,13 @@ StatusOr<const MeshFormat*> FormatOfFile(const std::string& path) {
   const char* const bytes = source->Peek(size);
   TESSERA_RETURN_IF_ERROR(source->status());
   const std::string_view head(bytes, bytes == nullptr ? 0 : size);
+  // OBJ has no signature, so others come first.
+  const std::optional<ForeignContent> foreign =
+      IsPly(head) ? std::nullopt : RecogniseForeignContent(head, source->size_bytes());
+  if (foreign) {
+    return InputError(path, "first bytes", foreign->name,
+                      absl::StrCat("a mesh file (", Names(), "): ", foreign->remedy));
+  }
   for (const MeshFormat& format : kFormats) {
     if (format.matches(head)) return &format;
   }
@@ -38,26 +49,26 @@ StatusOr<const MeshFormat*> FormatOfFile(const std::string& path) {
 
 }  // namespace
 
-StatusOr<MeshContent> ReadMesh(const std::string& path) {
+StatusOr<MeshContent> ReadMesh(const std::string& path, const MeshReadOptions& options) {
   TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
-  return format->read(path);
+  return format->read(path, options);
 }
 
-bool HeadHasLabels(std::string_view head) {
+bool HeadHasLabels(std::string_view head, const std::optional<std::string>& label_property) {
   for (const MeshFormat& format : kFormats) {
-    if (format.matches(head)) return format.has_labels(head);
+    if (format.matches(head)) return format.has_labels(head, label_property);
   }
   return false;
 }
 
-Status StreamMesh(const std::string& path, MeshSink* sink) {
+Status StreamMesh(const std::string& path, const MeshReadOptions& options, MeshSink* sink) {
   TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
-  return format->stream(path, sink);
+  return format->stream(path, options, sink);
 }
 
-StatusOr<int64_t> CountMeshFaces(const std::string& path) {
+StatusOr<bool> HasMoreFaces(const std::string& path, int64_t max_faces) {
   TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
-  return format->count_faces(path);
+  return format->has_more_faces(path, max_faces);
 }
 
 }  // namespace tessera

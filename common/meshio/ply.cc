@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <memory>
-#include <new>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/printable.h"
 #include "common/meshio/byte_source.h"
 #include "common/meshio/ply_body.h"
 #include "common/meshio/ply_header.h"
@@ -12,33 +12,14 @@
 namespace tessera {
 namespace {
 
-Status Stream(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink) {
-  TESSERA_RETURN_IF_ERROR(sink.Begin(header.vertex_count, header.face_count, header.has_label, header.float_positions));
-  return header.format == PlyFormat::kAscii ? ReadPlyText(source, header, name, sink)
-                                            : ReadPlyBinary(source, header, name, sink);
-}
+constexpr int64_t kTextIndexBytes = 2;  // a digit and a separator
 
-class ContentSink : public MeshSink {
- public:
-  explicit ContentSink(MeshContent& content) : content_(content) {}
-  Status Begin(int64_t, int64_t, bool has_labels, bool float_positions) override {
-    has_labels_ = has_labels;
-    content_.float_positions = float_positions;
-    return absl::OkStatus();
-  }
-  void AddVertex(const Eigen::Vector3d& position) override { content_.mesh.vertices.push_back(position); }
-  void AddFace(const Triangle& vertices, int32_t label) override {
-    content_.mesh.faces.push_back(vertices);
-    if (has_labels_) content_.mesh.labels.push_back(label);
-  }
-
- private:
-  MeshContent& content_;
-  bool has_labels_ = false;
-};
-
-// Reserves memory for the declared vertices and faces, limited by the size of `source`.
-void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh& mesh) {
+// The layout with counts bounded by the size of `source`, which is positioned after the header.
+MeshLayout LayoutOf(const ByteSource& source, const PlyHeader& header) {
+  MeshLayout layout;
+  layout.labels = header.labels;
+  layout.label_property = header.label_property;
+  layout.float_positions = header.float_positions;
   const int64_t available = source.size_bytes() - source.offset_bytes();
   for (const PlyElement& element : header.elements) {
     int64_t least = LeastElementBytes(element, header.format);
@@ -46,66 +27,95 @@ void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh
       // Add the three indices that follow the list's count.
       for (const PlyProperty& property : element.properties) {
         if (property.role != PlyRole::kIndices) continue;
-        least += 3 * (header.format == PlyFormat::kAscii ? 2 : PlyTypeBytes(property.type));
+        least += 3 * (header.format == PlyFormat::kAscii ? kTextIndexBytes : PlyTypeBytes(property.type));
       }
     }
-    const auto room = static_cast<size_t>(std::min(element.count, available / std::max<int64_t>(least, 1) + 1));
-    if (element.kind == PlyElementKind::kVertex) mesh.vertices.reserve(room);
-    if (element.kind == PlyElementKind::kFace) {
-      mesh.faces.reserve(room);
-      if (header.has_label) mesh.labels.reserve(room);
-    }
+    const int64_t room = std::min(element.count, available / std::max<int64_t>(least, 1) + 1);
+    if (element.kind == PlyElementKind::kVertex) layout.vertices = room;
+    if (element.kind == PlyElementKind::kFace) layout.faces = room;
+  }
+  return layout;
+}
+
+void WarnOfHeader(const PlyHeader& header, const MeshReadOptions& options) {
+  if (header.has_byte_order_mark) options.Warn("a byte order mark before the header ignored");
+  if (header.labels == MeshLabels::kOfFaces && !options.label_property && header.label_property != "label") {
+    options.Warn(absl::StrCat("labels are those of face property '", Printable(header.label_property), "' (line ",
+                              header.label_line, ")"));
   }
 }
 
-StatusOr<MeshContent> Parse(ByteSource& source, const std::string& name) {
-  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name));
-  MeshContent content;
-  try {
-    ReserveMesh(source, header, content.mesh);
-    ContentSink sink(content);
-    TESSERA_RETURN_IF_ERROR(Stream(source, header, name, sink));
-  } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError(absl::StrCat(name, ": not enough memory for the mesh"));
+Status Stream(ByteSource& source, const std::string& name, const MeshReadOptions& options, MeshSink& sink) {
+  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name, options.label_property));
+  WarnOfHeader(header, options);
+  TESSERA_RETURN_IF_ERROR(sink.Begin(LayoutOf(source, header)));
+  return header.format == PlyFormat::kAscii ? ReadPlyText(source, header, name, options, sink)
+                                            : ReadPlyBinary(source, header, name, options, sink);
+}
+
+// Whether the size of the rest of the file shows that all faces are triangles, if the file has no errors.
+bool AreAllTriangles(const PlyHeader& header, int64_t available) {
+  if (header.format == PlyFormat::kAscii) return false;
+  int64_t expected = 0;  // cannot overflow, because the header's counts were checked against the file's size
+  for (const PlyElement& element : header.elements) {
+    expected += element.count * LeastElementBytes(element, header.format);
+    for (const PlyProperty& property : element.properties) {
+      if (!property.is_list) continue;
+      if (property.role != PlyRole::kIndices) return false;
+      expected += element.count * 3 * PlyTypeBytes(property.type);
+    }
   }
-  return content;
+  return expected == available;
+}
+
+int64_t IndexBytes(const PlyHeader& header) {
+  if (header.format == PlyFormat::kAscii) return kTextIndexBytes;
+  for (const PlyElement& element : header.elements) {
+    for (const PlyProperty& property : element.properties) {
+      if (property.role == PlyRole::kIndices) return PlyTypeBytes(property.type);
+    }
+  }
+  return 1;
 }
 
 }  // namespace
 
-bool IsPly(std::string_view head) { return head.starts_with("ply\n") || head.starts_with("ply\r\n"); }
-
-bool PlyHasLabels(std::string_view head) {
-  const std::string_view header = head.substr(0, head.find("end_header"));
-  const size_t faces = header.find("element face");
-  if (faces == std::string_view::npos) return false;
-  const std::string_view properties = header.substr(faces, header.find("\nelement", faces) - faces);
-  for (size_t at = properties.find(" label"); at != std::string_view::npos; at = properties.find(" label", at + 1)) {
-    const char after = at + 6 < properties.size() ? properties[at + 6] : '\n';
-    if (after == '\n' || after == '\r' || after == ' ') return true;
-  }
-  return false;
+bool IsPly(std::string_view head) {
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  if (head.starts_with(kByteOrderMark)) head.remove_prefix(kByteOrderMark.size());
+  return head.starts_with("ply\n") || head.starts_with("ply\r\n");
 }
 
-StatusOr<MeshContent> ReadPly(const std::string& path) {
+bool PlyHasLabels(std::string_view head, const std::optional<std::string>& label_property) {
+  return DeclaresPlyLabels(std::string(head), label_property);
+}
+
+StatusOr<MeshContent> ReadPly(const std::string& path, const MeshReadOptions& options) {
+  return CollectMesh(path, options, [&](MeshSink& sink) { return StreamPly(path, options, &sink); });
+}
+
+Status StreamPly(const std::string& path, const MeshReadOptions& options, MeshSink* sink) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
-  return Parse(*source, path);
+  return Stream(*source, path, options, *sink);
 }
 
-Status StreamPly(const std::string& path, MeshSink* sink) {
+StatusOr<bool> PlyHasMoreFaces(const std::string& path, int64_t max_faces) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
-  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path));
-  return Stream(*source, header, path, *sink);
+  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path, ""));
+  if (header.face_count > max_faces) return true;
+  const int64_t available = source->size_bytes() - source->offset_bytes();
+  // Each triangle of a fan needs at least one index.
+  if (available / IndexBytes(header) <= max_faces || AreAllTriangles(header, available)) return false;
+  MeshReadOptions without_labels;
+  without_labels.label_property = "";
+  TESSERA_ASSIGN_OR_RETURN(const int64_t faces,
+                           CountTriangles([&](MeshSink& sink) { return StreamPly(path, without_labels, &sink); }));
+  return faces > max_faces;
 }
 
-StatusOr<int64_t> PlyFaceCount(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
-  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path));
-  return header.face_count;
-}
-
-StatusOr<MeshContent> ParsePly(const std::string& bytes, const std::string& name) {
-  return Parse(*ByteSource::FromMemory(bytes), name);
+StatusOr<MeshContent> ParsePly(const std::string& bytes, const std::string& name, const MeshReadOptions& options) {
+  return CollectMesh(name, options,
+                     [&](MeshSink& sink) { return Stream(*ByteSource::FromMemory(bytes), name, options, sink); });
 }
 
 }  // namespace tessera

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -17,23 +18,25 @@ namespace tessera {
 // Whether a file that begins with `head` is PLY.
 bool IsPly(std::string_view head);
 
-// Whether the header in `head`, the first bytes of a file, declares a face property `label`.
-bool PlyHasLabels(std::string_view head);
+// Whether the header in `head`, the first bytes of a file, declares labels. `label_property` as in MeshReadOptions.
+bool PlyHasLabels(std::string_view head, const std::optional<std::string>& label_property);
 
-// Reads ASCII or binary PLY of either byte order, with float or double positions. Faces must be triangles. Other
-// elements and properties, also lists, are skipped. NOT_FOUND if the file does not exist. INVALID_ARGUMENT with the
-// line (header, ASCII) or byte offset (binary) for truncated files, trailing bytes, indices out of range, faces with
-// more than three vertices, NaN. Allocates at most a small multiple of the file's size.
-StatusOr<MeshContent> ReadPly(const std::string& path);
+// Reads ASCII or binary PLY of either byte order, with float or double positions. Faces of more than three vertices are
+// split into fans of triangles. Labels may have any type of number with whole values. Other elements and properties,
+// also lists, are skipped. NOT_FOUND if the file does not exist. INVALID_ARGUMENT with the line (header, ASCII) or byte
+// offset (binary) for truncated files, more than a few trailing bytes, indices out of range, faces of fewer than 3 or
+// more than 1,000 vertices, NaN. Allocates at most a small multiple of the file's size.
+StatusOr<MeshContent> ReadPly(const std::string& path, const MeshReadOptions& options = {});
 
 // Reads a PLY sequentially into `sink`, without holding it in memory. Also returns errors of Begin.
-Status StreamPly(const std::string& path, MeshSink* sink);
+Status StreamPly(const std::string& path, const MeshReadOptions& options, MeshSink* sink);
 
-// The number of faces declared in the header. Errors as in ReadPly, for the header only.
-StatusOr<int64_t> PlyFaceCount(const std::string& path);
+// Whether the file has more than `max_faces` triangles. Reads the file if its header and size leave that open. Errors
+// as in ReadPly, for the part that is read.
+StatusOr<bool> PlyHasMoreFaces(const std::string& path, int64_t max_faces);
 
 // ReadPly from memory, for fuzzing and tests; `name` is the file's name in messages.
-StatusOr<MeshContent> ParsePly(const std::string& bytes, const std::string& name);
+StatusOr<MeshContent> ParsePly(const std::string& bytes, const std::string& name, const MeshReadOptions& options = {});
 
 struct PlyWriteOptions {
   std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // if given, faces get red, green, blue by label (-1: black)

@@ -1,11 +1,13 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "common/meshio/ply_body.h"
+#include "common/meshio/polygon_fan.h"
+#include "common/meshio/text_words.h"
 
 namespace tessera {
 namespace {
@@ -76,8 +78,9 @@ std::vector<Step> StepsOf(const PlyElement& element) {
 template <bool kSwap>
 class BinaryReader {
  public:
-  BinaryReader(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink)
-      : source_(source), header_(header), name_(name), sink_(sink) {}
+  BinaryReader(ByteSource& source, const PlyHeader& header, const std::string& name, const MeshReadOptions& options,
+               MeshSink& sink)
+      : source_(source), header_(header), name_(name), options_(options), sink_(sink), fan_(sink) {}
 
   Status Read() {
     for (const PlyElement& element : header_.elements) {
@@ -92,18 +95,14 @@ class BinaryReader {
       }
       for (index_ = 0; index_ < element.count; ++index_) TESSERA_RETURN_IF_ERROR(ReadElement(element, steps));
     }
-    if (!source_.AtEnd()) {
-      return InputError(name_, absl::StrCat("byte ", source_.offset_bytes()),
-                        absl::StrCat(source_.size_bytes() - source_.offset_bytes(), " bytes after the last element"),
-                        "the end of the file");
-    }
-    return source_.status();
+    TESSERA_RETURN_IF_ERROR(CheckPlyEnd(source_, name_, absl::StrCat("byte ", source_.offset_bytes()), options_));
+    fan_.Warn("byte", options_);
+    return absl::OkStatus();
   }
 
  private:
   Status ReadElement(const PlyElement& element, const std::vector<Step>& steps) {
     Eigen::Vector3d position = Eigen::Vector3d::Zero();
-    Triangle triangle{};
     int32_t label = 0;
     for (const Step& step : steps) {
       const char* bytes = source_.Peek(step.bytes);
@@ -119,16 +118,17 @@ class BinaryReader {
           break;
         }
         case PlyRole::kLabel: {
-          const int64_t value = LoadInteger<kSwap>(bytes, step.type);
-          if (value < -1 || value > std::numeric_limits<int32_t>::max()) {
-            return Error(element, absl::StrCat("label ", value), "a class index, or -1 for no label");
+          // All integer types of PLY fit a double.
+          const double value = LoadNumber<kSwap>(bytes, step.type);
+          if (!LabelOf(value, label)) {
+            return Error(element, absl::StrFormat("label %.*g", step.type == PlyType::kFloat64 ? 17 : 10, value),
+                         ExpectedLabel(header_));
           }
-          label = static_cast<int32_t>(value);
           source_.Advance(step.bytes);
           break;
         }
         case PlyRole::kIndices:
-          TESSERA_RETURN_IF_ERROR(ReadIndices(element, step, triangle));
+          TESSERA_RETURN_IF_ERROR(ReadIndices(element, step));
           break;
         case PlyRole::kOther: {
           const int64_t count = step.is_list ? LoadInteger<kSwap>(bytes, step.count_type) : 0;
@@ -142,27 +142,34 @@ class BinaryReader {
         }
       }
     }
-    if (element.kind == PlyElementKind::kVertex) sink_.AddVertex(position);
-    if (element.kind == PlyElementKind::kFace) sink_.AddFace(triangle, label);
+    if (element.kind == PlyElementKind::kVertex) sink_.AddVertex(position, label);
+    if (element.kind == PlyElementKind::kFace) fan_.AddFace(vertices_, label, face_place_);
     return absl::OkStatus();
   }
 
-  Status ReadIndices(const PlyElement& element, const Step& step, Triangle& triangle) {
+  // Reads the face's vertices_ and its face_place_.
+  Status ReadIndices(const PlyElement& element, const Step& step) {
     const size_t item_bytes = static_cast<size_t>(PlyTypeBytes(step.type));
     const int64_t count = LoadInteger<kSwap>(source_.Peek(step.bytes), step.count_type);
-    if (count != 3) return Error(element, absl::StrCat("a face of ", count, " vertices"), "3 (triangles only)");
-    const char* bytes = source_.Peek(step.bytes + 3 * item_bytes);
+    if (count < 3 || count > kMaxFaceVertices) {
+      return Error(element, absl::StrCat("a face of ", count, " vertices"), ExpectedVertexCount());
+    }
+    const size_t list_bytes = step.bytes + static_cast<size_t>(count) * item_bytes;
+    const char* bytes = source_.Peek(list_bytes);
     if (bytes == nullptr) return Truncated(element);
+    face_place_ = source_.offset_bytes();
+    vertices_.resize(static_cast<size_t>(count));
     bytes += step.bytes;
-    for (int k = 0; k < 3; ++k, bytes += item_bytes) {
+    for (uint32_t& vertex : vertices_) {
       const int64_t index = LoadInteger<kSwap>(bytes, step.type);
       if (index < 0 || index >= header_.vertex_count) {
         return Error(element, absl::StrCat("vertex index ", index),
                      absl::StrCat("an index below ", header_.vertex_count));
       }
-      triangle[k] = static_cast<uint32_t>(index);
+      vertex = static_cast<uint32_t>(index);
+      bytes += item_bytes;
     }
-    source_.Advance(step.bytes + 3 * item_bytes);
+    source_.Advance(list_bytes);
     return absl::OkStatus();
   }
 
@@ -179,15 +186,22 @@ class BinaryReader {
   ByteSource& source_;
   const PlyHeader& header_;
   const std::string& name_;
+  const MeshReadOptions& options_;
   MeshSink& sink_;
+  PolygonFan fan_;
+  std::vector<uint32_t> vertices_;  // of the face
+  int64_t face_place_ = 0;          // byte offset of the face's list of vertices
   int64_t index_ = 0;
 };
 
 }  // namespace
 
-Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink) {
-  if (header.format == PlyFormat::kBinaryBigEndian) return BinaryReader<true>(source, header, name, sink).Read();
-  return BinaryReader<false>(source, header, name, sink).Read();
+Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name,
+                     const MeshReadOptions& options, MeshSink& sink) {
+  if (header.format == PlyFormat::kBinaryBigEndian) {
+    return BinaryReader<true>(source, header, name, options, sink).Read();
+  }
+  return BinaryReader<false>(source, header, name, options, sink).Read();
 }
 
 }  // namespace tessera

@@ -5,10 +5,12 @@
 #include <charconv>
 #include <cstdio>
 #include <limits>
+#include <memory>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "common/base/printable.h"
+#include "common/meshio/ply_labels.h"
+#include "common/meshio/text_words.h"
 
 namespace tessera {
 namespace {
@@ -60,7 +62,23 @@ class HeaderParser {
  public:
   HeaderParser(ByteSource& source, const std::string& name) : source_(source), name_(name) {}
 
-  StatusOr<PlyHeader> Parse() {
+  StatusOr<PlyHeader> Parse(const std::optional<std::string>& label_property) {
+    TESSERA_RETURN_IF_ERROR(ReadLines());
+    TESSERA_RETURN_IF_ERROR(FindMesh());
+    TESSERA_RETURN_IF_ERROR(ChoosePlyLabels(name_, label_property, &header_));
+    TESSERA_RETURN_IF_ERROR(CheckCounts());
+    return std::move(header_);
+  }
+
+  // The declarations before the first error.
+  PlyHeader ParsePart() {
+    ReadLines().IgnoreError();
+    return std::move(header_);
+  }
+
+ private:
+  Status ReadLines() {
+    header_.has_byte_order_mark = source_.SkipByteOrderMark();
     std::string_view line;
     if (!NextLine(line) || line != "ply") return Error(lines_ == 0 ? EndOrQuoted(line) : Quoted(line), "'ply'");
     bool ended = false;
@@ -87,12 +105,9 @@ class HeaderParser {
       }
     }
     header_.lines = lines_;
-    TESSERA_RETURN_IF_ERROR(FindMesh());
-    TESSERA_RETURN_IF_ERROR(CheckCounts());
-    return std::move(header_);
+    return absl::OkStatus();
   }
 
- private:
   bool NextLine(std::string_view& line) {
     if (!source_.NextLine(line, kMaxHeaderLineBytes)) return false;
     ++lines_;
@@ -132,6 +147,10 @@ class HeaderParser {
       return Error(absl::StrCat("format ", Quoted(words[1])), "ascii, binary_little_endian or binary_big_endian");
     }
     if (words[2] != "1.0") return Error(absl::StrCat("version ", Quoted(words[2])), "1.0");
+    if (header_.has_byte_order_mark && header_.format != PlyFormat::kAscii) {
+      return Error("a byte order mark before a binary PLY",
+                   "none: a text editor has saved the file, which damages it; export it again");
+    }
     has_format_ = true;
     return absl::OkStatus();
   }
@@ -183,6 +202,7 @@ class HeaderParser {
     }
     TESSERA_RETURN_IF_ERROR(CheckName(words[type_at + 1]));
     property.name = std::string(words[type_at + 1]);
+    property.line = lines_;
     PlyElement& element = header_.elements.back();
     for (const PlyProperty& other : element.properties) {
       if (other.name == property.name) {
@@ -214,12 +234,6 @@ class HeaderParser {
         }
       }
       property.role = PlyRole::kIndices;
-    } else if (name == "label") {
-      if (property.is_list || !IsInteger(property.type)) {
-        return Error("face property 'label' that is not an integer", "'property int label'");
-      }
-      property.role = PlyRole::kLabel;
-      header_.has_label = true;
     }
     return absl::OkStatus();
   }
@@ -232,7 +246,7 @@ class HeaderParser {
       if (element.kind == PlyElementKind::kFace) face = &element;
     }
     if (vertex == nullptr) return Error("no element 'vertex'", "'element vertex COUNT'");
-    if (face == nullptr) return Error("no element 'face'", "'element face COUNT'");
+    if (face == nullptr) return Error("no element 'face'", "'element face COUNT': build a mesh from a point cloud");
     const auto has = [](const PlyElement& element, PlyRole role) {
       return std::any_of(element.properties.begin(), element.properties.end(),
                          [&](const PlyProperty& property) { return property.role == role; });
@@ -294,12 +308,17 @@ int64_t LeastElementBytes(const PlyElement& element, PlyFormat format) {
   return bytes;
 }
 
-std::string Quoted(std::string_view text) {
-  return absl::StrCat("'", Printable(Prefix(text, 40)), text.size() > 40 ? "..." : "", "'");
+StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name,
+                                  const std::optional<std::string>& label_property) {
+  return HeaderParser(source, name).Parse(label_property);
 }
 
-StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name) {
-  return HeaderParser(source, name).Parse();
+bool DeclaresPlyLabels(const std::string& head, const std::optional<std::string>& label_property) {
+  // The last line may be cut.
+  const std::string lines = head.substr(0, head.rfind('\n') + 1), name;
+  const std::unique_ptr<ByteSource> source = ByteSource::FromMemory(lines);
+  PlyHeader header = HeaderParser(*source, name).ParsePart();
+  return !ChoosePlyLabels(name, label_property, &header).ok() || header.labels != MeshLabels::kNone;
 }
 
 }  // namespace tessera

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "common/base/status.h"
 #include "common/meshio/byte_source.h"
+#include "common/meshio/mesh_content.h"
 
 namespace tessera {
 
@@ -25,6 +27,7 @@ struct PlyProperty {
   bool is_list = false;
   PlyType count_type = PlyType::kUint8;  // lists only
   PlyRole role = PlyRole::kOther;
+  int64_t line = 0;  // line of its declaration
 };
 
 enum class PlyElementKind { kOther, kVertex, kFace };
@@ -42,18 +45,23 @@ struct PlyHeader {
   std::vector<PlyElement> elements;
   int64_t lines = 0;  // number of header lines
   int64_t vertex_count = 0, face_count = 0;
-  bool has_label = false;
+  bool has_byte_order_mark = false;
   bool float_positions = false;
+  MeshLabels labels = MeshLabels::kNone;
+  std::string label_property;  // empty without labels
+  int64_t label_line = 0;      // line of its declaration
 };
 
 // Consumes the header from `source` and checks it: the mesh's properties exist once with valid types, and the rest of
-// the source is large enough for the declared counts. INVALID_ARGUMENT with `name` (the file's name) and the line.
-StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name);
+// the source is large enough for the declared counts. `label_property` as in MeshReadOptions. INVALID_ARGUMENT with
+// `name` (the file's name) and the line.
+StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name,
+                                  const std::optional<std::string>& label_property);
+
+// Whether the header that begins with `head` declares labels, or properties that leave open which are the labels.
+bool DeclaresPlyLabels(const std::string& head, const std::optional<std::string>& label_property);
 
 // The minimum size of one element in the file.
 int64_t LeastElementBytes(const PlyElement& element, PlyFormat format);
-
-// `text` for messages: in quotes, cut at 40 characters, unprintable characters escaped.
-std::string Quoted(std::string_view text);
 
 }  // namespace tessera

@@ -16,7 +16,7 @@
 #include "common/geometry/repair.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
-#include "common/scene/colmap.h"
+#include "common/colmap/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
 #include "common/storage/hash.h"
@@ -115,9 +115,13 @@ class SceneChecker {
   Status CheckMeshAndVisibility() {
     if (scene_.mesh_path.empty()) return absl::OkStatus();  // already reported
     const std::string path = absl::StrCat(scene_.folder, "/", scene_.mesh_path);
-    const StatusOr<int64_t> faces = CountMeshFaces(path);
-    if (faces.ok() && *faces > max_mesh_faces_) return absl::OkStatus();
-    StatusOr<TriangleMesh> loaded = LoadSceneMesh(scene_, 0);
+    const StatusOr<bool> is_larger = HasMoreFaces(path, max_mesh_faces_);
+    if (!is_larger.ok()) {
+      faults_.Add(is_larger.status());
+      return absl::OkStatus();
+    }
+    if (*is_larger) return absl::OkStatus();
+    StatusOr<TriangleMesh> loaded = LoadSceneMesh(scene_, 0, &warnings_);
     if (!loaded.ok()) {
       faults_.Add(loaded.status());
       return absl::OkStatus();

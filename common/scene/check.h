@@ -76,7 +76,7 @@ struct SceneSummary {
 // thread.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);
 
-// The same with load options. A mesh of more than `max_mesh_faces` faces is not read; the caller streams it.
+// The same with load options. A mesh of more than `max_mesh_faces` triangles is not loaded; the caller streams it.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
                                         Warnings* warnings, const TaskControl& control);
 
@@ -85,6 +85,11 @@ Status ViewVisibilityError(const std::string& mesh_path, const SceneView& view, 
 
 // INVALID_ARGUMENT if 32-bit floats round coordinates of size `largest_m` by more than gsd_m / 100.
 Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double gsd_m);
+
+// INVALID_ARGUMENT unless `label`, of a face of the scene's mesh at `mesh_path`, is a class of the scene or -1.
+// `label_property`: name of the property in the file.
+Status CheckFaceLabel(const SceneDescription& scene, const std::string& mesh_path, size_t face, int32_t label,
+                      const std::string& label_property);
 
 // The summary as a table, and as JSON with units in the keys.
 std::string SummaryToText(const SceneSummary& summary);

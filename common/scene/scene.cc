@@ -12,7 +12,7 @@
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
-#include "common/scene/colmap.h"
+#include "common/colmap/colmap.h"
 #include "common/scene/image_files.h"
 #include "common/scene/scene_json.h"
 #include "common/storage/files.h"
@@ -48,6 +48,7 @@ class SceneLoader {
     json_ = ParseSceneFile(*text, file, &faults_);
     scene_.name = json_.name.empty() ? fs::path(scene_.folder).filename().string() : json_.name;
     scene_.up_in_local = Eigen::Vector3d::UnitZ();
+    scene_.label_property = json_.label_property;
     scene_.files.push_back(fs::path(file).filename().string());
     LoadCameras();
     FindImages();
@@ -323,7 +324,7 @@ class SceneLoader {
     }
     scene_.mesh_path = json_.mesh.path;
     scene_.files.push_back(json_.mesh.path);
-    scene_.mesh_has_labels = head.ok() && HeadHasLabels(*head);
+    scene_.mesh_has_labels = head.ok() && HeadHasLabels(*head, json_.label_property);
   }
 
   void ChooseClasses() {

@@ -57,6 +57,8 @@ struct SceneDescription {
   std::vector<SceneView> views;  // by ascending COLMAP image id
   std::string cameras_folder;    // of the COLMAP model, relative to folder
   std::string mesh_path;         // relative to folder
+  // Of the mesh: the property with the labels. Empty: labels are ignored. None: it is found by its name.
+  std::optional<std::string> label_property;
   bool has_likelihoods = false;
   bool mesh_has_labels = false;
   std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
@@ -93,8 +95,12 @@ SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOpt
                                      Faults* faults);
 
 // The start mesh in the local frame, not repaired. INVALID_ARGUMENT for a PLY with float coordinates whose rounding
-// error exceeds gsd_m / 100 (pass 0 to skip that test).
-StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m);
+// error exceeds gsd_m / 100 (pass 0 to skip that test). `warnings` (may be null) receives the conversions of unusual
+// content, with mesh_path.
+StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m, Warnings* warnings = nullptr);
+
+// How the labels of the mesh at `path` are found: as scene.json says if it is the scene's mesh, else by name.
+std::optional<std::string> LabelPropertyOf(const SceneDescription& scene, const std::string& path);
 
 // Median ground sampling distance in metres, over a fixed sample of faces and all views that have the face in their
 // frustum and see its front (occlusion is not tested). The GSD of a face is depth / focal length; the angle of

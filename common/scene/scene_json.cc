@@ -150,6 +150,16 @@ void ParseClasses(const Json& value, const std::string& file, SceneFile* scene, 
   }
 }
 
+void ParseLabelProperty(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
+  if (value.is_null()) {
+    scene->label_property = "";
+  } else if (value.is_string() && !value.get<std::string>().empty()) {
+    scene->label_property = value.get<std::string>();
+  } else {
+    faults->Add(InputError(file, "label_property", Excerpt(value), "the name of a property, or null for no labels"));
+  }
+}
+
 void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faults) {
   if (!value.is_object()) {
     faults->Add(InputError(file, "crs", Excerpt(value), "an object with a type"));
@@ -310,6 +320,7 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
   in.Path("likelihoods", &scene.likelihoods);
   in.String("likelihoods_source", &scene.likelihoods_source);
   in.Path("mesh", &scene.mesh);
+  if (const Json* value = in.Find("label_property")) ParseLabelProperty(*value, file, &scene, faults);
   if (const Json* value = in.Find("classes")) ParseClasses(*value, file, &scene, faults);
   if (const Json* value = in.Find("crs")) ParseCrs(*value, file, &scene.crs, faults);
   if (const Json* value = in.Find("up")) ParseUp(*value, file, &scene, faults);

@@ -26,8 +26,9 @@ struct FlightEntry {
 struct SceneFile {
   std::string name;
   ScenePath cameras{"colmap"}, images{"images"}, likelihoods{"likelihoods"}, mesh{"mesh.ply"};
-  std::string likelihoods_source;   // written by tessera classify: "annotations", "model" or "default"
-  std::vector<SceneClass> classes;  // default: KnownClasses()
+  std::optional<std::string> label_property;  // of the mesh; empty: its labels are ignored; none: found by its name
+  std::string likelihoods_source;             // written by tessera classify: "annotations", "model" or "default"
+  std::vector<SceneClass> classes;            // default: KnownClasses()
   bool classes_given = false;
   Crs crs;
   std::optional<Eigen::Vector3d> up;  // unit vector, scene coordinates

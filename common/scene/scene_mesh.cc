@@ -1,9 +1,12 @@
 // Loading of a scene's start mesh, and its ground sampling distance (GSD).
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <system_error>
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
+#include "common/base/printable.h"
 #include "common/meshio/mesh_format.h"
 #include "common/scene/check.h"
 #include "common/scene/scene.h"
@@ -28,18 +31,28 @@ Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double
                     absl::StrCat("doubles, because the rounding exceeds 1/100 of the GSD (", gsd_m, " m)"));
 }
 
-StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m) {
+Status CheckFaceLabel(const SceneDescription& scene, const std::string& mesh_path, size_t face, int32_t label,
+                      const std::string& label_property) {
+  const int classes = static_cast<int>(scene.classes.size());
+  if (label >= -1 && label < classes) return absl::OkStatus();
+  // A property of another name may hold something else.
+  const bool is_sure = label_property == "label" || scene.label_property;
+  return InputError(
+      mesh_path, absl::StrCat("face ", face), absl::StrCat("label ", label),
+      absl::StrCat("0 to ", classes - 1, " (index into classes), or -1 for no label",
+                   is_sure ? ""
+                           : absl::StrCat("; if '", Printable(label_property),
+                                          "' holds no labels, set \"label_property\": null in scene.json")));
+}
+
+StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m, Warnings* warnings) {
   if (scene.mesh_path.empty()) return InputError(scene.folder, "", "no mesh", "a scene with a mesh");
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
-  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path, {scene.label_property, warnings, scene.mesh_path}));
   TriangleMesh& mesh = content.mesh;
   if (mesh.faces.empty()) return InputError(path, "", "no faces", "at least one face");
-  const int classes = static_cast<int>(scene.classes.size());
   for (size_t f = 0; f < mesh.labels.size(); ++f) {
-    if (mesh.labels[f] < -1 || mesh.labels[f] >= classes) {
-      return InputError(path, absl::StrCat("face ", f), absl::StrCat("label ", mesh.labels[f]),
-                        absl::StrCat("0 to ", classes - 1, " (index into classes), or -1 for no label"));
-    }
+    TESSERA_RETURN_IF_ERROR(CheckFaceLabel(scene, path, f, mesh.labels[f], content.label_property));
   }
   if (content.float_positions && gsd_m > 0) {
     double largest = 0;
@@ -48,6 +61,14 @@ StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m
   }
   for (Eigen::Vector3d& p : mesh.vertices) p = scene.frame.LocalFromScene(p);
   return std::move(mesh);
+}
+
+std::optional<std::string> LabelPropertyOf(const SceneDescription& scene, const std::string& path) {
+  std::error_code error;  // false if a file does not exist
+  if (std::filesystem::equivalent(path, absl::StrCat(scene.folder, "/", scene.mesh_path), error)) {
+    return scene.label_property;
+  }
+  return {};
 }
 
 StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& mesh) {

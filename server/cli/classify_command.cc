@@ -52,8 +52,9 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
     std::error_code error;
     scene.mesh_path = fs::relative(arguments.mesh, scene.folder, error).string();
     if (error) return InputError(arguments.mesh, "", error.message(), "a mesh in the scene's coordinates");
+    scene.label_property.reset();  // it is that of the scene's mesh
   }
-  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, LoadSceneMesh(scene, 0));
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, LoadSceneMesh(scene, 0, &report.warnings));
   if (mesh.faces.empty()) return InputError(scene.mesh_path, "", "no faces", "at least one");
   TESSERA_ASSIGN_OR_RETURN(report.gsd_m, MedianGsd(scene, mesh));
   report.scene = &scene;

@@ -42,9 +42,11 @@ struct EvaluateArguments {
   EvaluationOptions options;
 };
 
-StatusOr<TriangleMesh> ReadMeshInLocalFrame(const std::string& path, const Frame& frame) {
-  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
-  for (Eigen::Vector3d& v : content.mesh.vertices) v = frame.LocalFromScene(v);
+StatusOr<TriangleMesh> ReadMeshInLocalFrame(const std::string& path, const SceneDescription& scene) {
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path, {LabelPropertyOf(scene, path), &warnings, path}));
+  PrintWarnings(warnings);
+  for (Eigen::Vector3d& v : content.mesh.vertices) v = scene.frame.LocalFromScene(v);
   return std::move(content.mesh);
 }
 
@@ -134,7 +136,7 @@ Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescri
   std::optional<MeshInViews> mesh_in_views;
   LabelRendering rendering;
   if (!arguments.mesh.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene.frame));
+    TESSERA_ASSIGN_OR_RETURN(TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene));
     TESSERA_RETURN_IF_ERROR(CheckMesh(mesh, arguments.mesh, scene.classes.size()));
     TESSERA_ASSIGN_OR_RETURN(mesh_in_views, MeshInViews::Of(std::move(mesh), arguments.mesh, scene));
     rendering = [&](size_t view) { return mesh_in_views->Rendered(view); };
@@ -168,9 +170,9 @@ Status Evaluate(EvaluateArguments arguments) {
   if (!fs::exists(truth_path)) {
     return InputError(truth_path, "", "no such file", "the true mesh; if it lies elsewhere, pass --truth DIR");
   }
-  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene.frame));
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene));
   TESSERA_RETURN_IF_ERROR(CheckMesh(mesh, arguments.mesh, scene.classes.size()));
-  TESSERA_ASSIGN_OR_RETURN(TriangleMesh truth, ReadMeshInLocalFrame(truth_path, scene.frame));
+  TESSERA_ASSIGN_OR_RETURN(TriangleMesh truth, ReadMeshInLocalFrame(truth_path, scene));
   TESSERA_RETURN_IF_ERROR(CheckMesh(truth, truth_path, scene.classes.size()));
 
   EvaluationOptions& options = arguments.options;
@@ -224,7 +226,7 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
       "  tessera evaluate --likelihoods classified/geometry --scene city --except-views 0000,0007\n"
       "  tessera evaluate out/mesh.ply --likelihoods classified/geometry --scene city");
   EvaluationOptions& options = arguments->options;
-  command->add_option("mesh", arguments->mesh, "Mesh to measure, PLY in the scene's coordinates, as a job writes it");
+  command->add_option("mesh", arguments->mesh, "Mesh to measure, PLY or OBJ in the scene's coordinates");
   command->add_option("--scene", arguments->scene, "Folder with a scene.json, or the scene.json itself")->required();
   command->add_option("--truth", arguments->truth,
                       "Folder of mesh.ply and IMAGE_label.png, in the scene's coordinates (default SCENE/truth)");

@@ -104,7 +104,11 @@ StatusOr<World> LoadWorld(const std::string& scene_path) {
 }
 
 StatusOr<TriangleMesh> ReadMeshInWorld(const std::string& path, const World& world) {
-  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
+  Warnings warnings;
+  MeshReadOptions options = {{}, &warnings, path};
+  if (world.scene) options.label_property = LabelPropertyOf(*world.scene, path);
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path, options));
+  PrintWarnings(warnings);
   if (content.mesh.faces.empty()) return InputError(path, "", "no faces", "at least one");
   for (Eigen::Vector3d& v : content.mesh.vertices) v = world.frame.LocalFromScene(v);
   return std::move(content.mesh);
@@ -262,7 +266,9 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
       "  tessera render out/mesh.ply --compare city/mesh.ply --caption before --caption after --out both.png\n"
       "  tessera render out/mesh.ply --scene city --mode displacement --zoom 0.5,0.4,0.25 --out moved.png\n"
       "  tessera render out/mesh.ply --scene city --mode errors --view 0003.jpg --out wrong.png");
-  command->add_option("mesh", arguments->mesh, "Mesh to render, PLY; in the scene's coordinates if --scene is given")
+  command
+      ->add_option("mesh", arguments->mesh,
+                   "Mesh to render, PLY or OBJ; in the scene's coordinates if --scene is given")
       ->required();
   command->add_option("--out", arguments->out, "PNG file to write")->required();
   command->add_option("--scene", arguments->scene,

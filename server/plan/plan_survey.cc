@@ -80,7 +80,9 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
       files.known[scene_files[i].name] = known->second;
     } else {
       update.scene_files.Edit().push_back(static_cast<int>(i));
-      other_mesh |= absl::EndsWithIgnoreCase(scene_files[i].name, ".ply");
+      for (const char* const extension : {".ply", ".obj"}) {
+        other_mesh |= absl::EndsWithIgnoreCase(scene_files[i].name, extension);
+      }
     }
   }
   if (other_mesh) {  // the update compares it with the base's mesh

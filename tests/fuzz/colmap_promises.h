@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "common/scene/colmap.h"
-#include "common/scene/colmap_frames.h"
+#include "common/colmap/colmap.h"
+#include "common/colmap/colmap_frames.h"
 #include "tests/fuzz/frames.h"
 #include "tests/fuzz/promises.h"
 

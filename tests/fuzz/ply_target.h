@@ -20,7 +20,7 @@ inline bool RunPlyTarget(const std::string& bytes) {
   }
   const TriangleMesh& mesh = content->mesh;
   require(mesh.labels.empty() || mesh.labels.size() == mesh.faces.size());
-  require(mesh.vertices.capacity() <= bytes.size() && mesh.faces.capacity() <= bytes.size());
+  require(mesh.vertices.capacity() <= 2 * bytes.size() && mesh.faces.capacity() <= 2 * bytes.size());
   for (const Eigen::Vector3d& vertex : mesh.vertices) require(vertex.allFinite());
   for (const Triangle& face : mesh.faces) {
     for (const uint32_t corner : face) require(corner < mesh.vertices.size());

@@ -1,9 +1,12 @@
 #include "worker/city/disk_mesh.h"
 
 #include <algorithm>
+#include <optional>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "common/meshio/mesh_format.h"
+#include "common/scene/check.h"
 #include "worker/city/local_grid.h"
 
 namespace tessera {
@@ -14,37 +17,42 @@ class DiskSink : public MeshSink {
   DiskSink(const SceneDescription& scene, const std::string& path, const std::string& scratch_folder)
       : scene_(scene), path_(path), scratch_folder_(scratch_folder) {}
 
-  Status Begin(int64_t vertices, int64_t faces, bool has_labels, bool float_positions) override {
-    // The header's reader has checked the counts against the file's size.
-    mesh_.float_positions = float_positions;
-    has_labels_ = has_labels;
-    TESSERA_ASSIGN_OR_RETURN(mesh_.vertices,
-                             ScratchArray<Eigen::Vector3d>::Create(scratch_folder_, static_cast<size_t>(vertices)));
-    TESSERA_ASSIGN_OR_RETURN(mesh_.faces, ScratchArray<Triangle>::Create(scratch_folder_, static_cast<size_t>(faces)));
-    if (has_labels) {
-      TESSERA_ASSIGN_OR_RETURN(mesh_.labels,
-                               ScratchArray<int32_t>::Create(scratch_folder_, static_cast<size_t>(faces)));
+  // The lists grow, because faces of more than three vertices give more triangles than the file declares.
+  Status Begin(const MeshLayout& layout) override {
+    layout_ = layout;
+    mesh_.float_positions = layout.float_positions;
+    TESSERA_ASSIGN_OR_RETURN(vertices_, ScratchList<Eigen::Vector3d>::Create(scratch_folder_));
+    TESSERA_ASSIGN_OR_RETURN(faces_, ScratchList<Triangle>::Create(scratch_folder_));
+    if (layout.labels != MeshLabels::kNone) {
+      TESSERA_ASSIGN_OR_RETURN(labels_, ScratchList<int32_t>::Create(scratch_folder_));
     }
     return absl::OkStatus();
   }
-  void AddVertex(const Eigen::Vector3d& position) override {
+  void AddVertex(const Eigen::Vector3d& position, int32_t label) override {
     mesh_.largest_coordinate_m = std::max(mesh_.largest_coordinate_m, position.cwiseAbs().maxCoeff());
-    mesh_.vertices[vertices_++] = OnLocalGrid(scene_.frame.LocalFromScene(position));
+    vertices_->Append(OnLocalGrid(scene_.frame.LocalFromScene(position)));
+    if (layout_.labels == MeshLabels::kOfVertices) labels_->Append(label);
   }
   void AddFace(const Triangle& vertices, int32_t label) override {
-    if (has_labels_) {
-      const int classes = static_cast<int>(scene_.classes.size());
-      if (label_status_.ok() && (label < -1 || label >= classes)) {
-        label_status_ = InputError(path_, absl::StrCat("face ", faces_), absl::StrCat("label ", label),
-                                   absl::StrCat("0 to ", classes - 1, " (index into classes), or -1 for no label"));
-      }
-      mesh_.labels[faces_] = label;
-    }
-    mesh_.faces[faces_++] = vertices;
+    faces_->Append(vertices);
+    if (layout_.labels == MeshLabels::kOfFaces) labels_->Append(label);
   }
-  StatusOr<DiskMesh> Finish() {
-    if (mesh_.faces.size() == 0) return InputError(path_, "", "no faces", "a mesh");
-    TESSERA_RETURN_IF_ERROR(label_status_);
+  StatusOr<DiskMesh> Finish(const MeshReadOptions& options) {
+    TESSERA_ASSIGN_OR_RETURN(mesh_.vertices, vertices_->Finish());
+    TESSERA_ASSIGN_OR_RETURN(mesh_.faces, faces_->Finish());
+    if (labels_) {
+      TESSERA_ASSIGN_OR_RETURN(mesh_.labels, labels_->Finish());
+    }
+    if (layout_.labels == MeshLabels::kOfVertices) {
+      const ScratchArray<int32_t> of_vertices = std::move(mesh_.labels);
+      TESSERA_ASSIGN_OR_RETURN(mesh_.labels, ScratchArray<int32_t>::Create(scratch_folder_, mesh_.faces.size()));
+      LabelFacesByVertices(mesh_.spans().faces, of_vertices.values(), layout_.label_property, options,
+                           mesh_.labels.values());
+    }
+    if (mesh_.faces.size() == 0) return InputError(path_, "", "no faces", "at least one face");
+    for (size_t f = 0; f < mesh_.labels.size(); ++f) {
+      TESSERA_RETURN_IF_ERROR(CheckFaceLabel(scene_, path_, f, mesh_.labels[f], layout_.label_property));
+    }
     return std::move(mesh_);
   }
 
@@ -52,20 +60,23 @@ class DiskSink : public MeshSink {
   const SceneDescription& scene_;
   const std::string& path_;
   const std::string& scratch_folder_;
+  MeshLayout layout_;
   DiskMesh mesh_;
-  bool has_labels_ = false;
-  size_t vertices_ = 0, faces_ = 0;  // so far
-  Status label_status_;
+  std::optional<ScratchList<Eigen::Vector3d>> vertices_;
+  std::optional<ScratchList<Triangle>> faces_;
+  std::optional<ScratchList<int32_t>> labels_;  // of faces or vertices
 };
 
 }  // namespace
 
-StatusOr<DiskMesh> ReadMeshToDisk(const SceneDescription& scene, const std::string& scratch_folder) {
+StatusOr<DiskMesh> ReadMeshToDisk(const SceneDescription& scene, const std::string& scratch_folder,
+                                  Warnings* warnings) {
   if (scene.mesh_path.empty()) return InputError(scene.folder, "", "no mesh", "a scene with a mesh");
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
+  const MeshReadOptions options = {scene.label_property, warnings, scene.mesh_path};
   DiskSink sink(scene, path, scratch_folder);
-  TESSERA_RETURN_IF_ERROR(StreamMesh(path, &sink));
-  return sink.Finish();
+  TESSERA_RETURN_IF_ERROR(StreamMesh(path, options, &sink));
+  return sink.Finish(options);
 }
 
 Status CompleteLabels(bool has_likelihoods, const std::string& scratch_folder, DiskMesh* mesh) {

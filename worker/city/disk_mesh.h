@@ -35,9 +35,10 @@ struct DiskMesh {
   }
 };
 
-// Streams the scene's mesh into scratch files, in the local frame and rounded to the local grid. Checks and errors as
-// LoadSceneMesh, except that float positions are not tested for rounding.
-StatusOr<DiskMesh> ReadMeshToDisk(const SceneDescription& scene, const std::string& scratch_folder);
+// Streams the scene's mesh into scratch files, in the local frame and rounded to the local grid. Checks, errors and
+// warnings as LoadSceneMesh, except that float positions are not tested for rounding.
+StatusOr<DiskMesh> ReadMeshToDisk(const SceneDescription& scene, const std::string& scratch_folder,
+                                  Warnings* warnings = nullptr);
 
 // Ensures one label per face. A mesh without labels gets -1 if the scene has likelihoods, else 0.
 Status CompleteLabels(bool has_likelihoods, const std::string& scratch_folder, DiskMesh* mesh);

@@ -116,7 +116,8 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   }
   const std::vector<PosedCamera> cameras = CamerasOf(scene);
   control.Report(0.3, "reading the mesh");
-  TESSERA_ASSIGN_OR_RETURN(DiskMesh mesh, ReadMeshToDisk(scene, scratch));
+  Warnings of_large_mesh;  // a smaller one was checked with the scene
+  TESSERA_ASSIGN_OR_RETURN(DiskMesh mesh, ReadMeshToDisk(scene, scratch, &of_large_mesh));
   Survey survey;
   TESSERA_ASSIGN_OR_RETURN(survey.gsd_m, MedianGsd(scene, GsdSamples(mesh.spans())));
   if (parameters.classify) {
@@ -135,6 +136,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   if (mesh.faces.size() == 0)
     return InputError(scene.mesh_path, "", "only degenerate faces", "at least one face with an area");
   if (survey.input_faces > kMaxFacesInMemory) {
+    outcome.warnings.insert(outcome.warnings.end(), of_large_mesh.begin(), of_large_mesh.end());
     TESSERA_RETURN_IF_ERROR(CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, control, &outcome.warnings));
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
@@ -151,6 +153,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
       parameters.views_per_direction.value_or(view_options.choice.views_per_direction);
   survey.scene_name = scene.name;
   survey.mesh_path = scene.mesh_path;
+  survey.label_property = scene.label_property;
   survey.up = scene.up_in_local;
   survey.ground = MakeGroundPlane(survey.up, std::exp2(std::round(std::log2(kCellGsd * survey.gsd_m))));
   survey.views = scene.views;

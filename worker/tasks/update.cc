@@ -1,5 +1,6 @@
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -51,14 +52,20 @@ Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneD
   return control.Check();
 }
 
+// The mesh of the base job.
+struct BaseMesh {
+  std::string path;  // relative to the scene's folder
+  std::optional<std::string> label_property;
+};
+
 // Updates the base's city to the scene's mesh and writes it.
-Status ReviseMesh(const SceneDescription& scene, const std::string& base_mesh_path, const TaskRequest& request,
+Status ReviseMesh(const SceneDescription& scene, const BaseMesh& base_mesh, const TaskRequest& request,
                   const CityReader& city, const TaskControl& control, Survey* survey, Warnings* warnings) {
   TESSERA_ASSIGN_OR_RETURN(const TempFolder scratch_folder, TempFolder::Create(request.output_dir, "scratch-"));
   const std::string& scratch = scratch_folder.path();
   control.Report(0, "reading the meshes");
   MeshDefects defects, of_base;
-  TESSERA_ASSIGN_OR_RETURN(DiskMesh now, ReadMeshToDisk(scene, scratch));
+  TESSERA_ASSIGN_OR_RETURN(DiskMesh now, ReadMeshToDisk(scene, scratch, warnings));
   survey->input_vertices = static_cast<int64_t>(now.vertices.size());
   survey->input_faces = static_cast<int64_t>(now.faces.size());
   TESSERA_ASSIGN_OR_RETURN(now, RepairOnDisk(std::move(now), scratch, DiskPassOptions(), &defects));
@@ -71,9 +78,11 @@ Status ReviseMesh(const SceneDescription& scene, const std::string& base_mesh_pa
         survey->has_labels ? "labels, as in the base job's mesh" : "no labels, as in the base job's mesh");
   }
   SceneDescription with_base_mesh = scene;
-  with_base_mesh.mesh_path = base_mesh_path;
-  if (!FileExists(absl::StrCat(scene.folder, "/", base_mesh_path))) {
-    return InputError(path, "", "a new mesh that is not a PLY file", "a name that ends in .ply");
+  with_base_mesh.mesh_path = base_mesh.path;
+  // The base job may be older than the names of labels that are known now.
+  with_base_mesh.label_property = survey->has_labels ? base_mesh.label_property : std::string();
+  if (!FileExists(absl::StrCat(scene.folder, "/", base_mesh.path))) {
+    return InputError(path, "", "a new mesh of another name", "a name that ends in .ply or .obj");
   }
   TESSERA_ASSIGN_OR_RETURN(DiskMesh base, ReadMeshToDisk(with_base_mesh, scratch));
   TESSERA_ASSIGN_OR_RETURN(base, RepairOnDisk(std::move(base), scratch, DiskPassOptions(), &of_base));
@@ -126,8 +135,15 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   if (const auto mesh = files.carried.find(survey.mesh_path); mesh != files.carried.end()) {
     survey.mesh_path = mesh->second;
   }
-  const std::string base_mesh_path = survey.mesh_path;
-  if (whole) survey.mesh_path = scene.mesh_path;
+  const BaseMesh base_mesh = {survey.mesh_path, survey.label_property};
+  if (whole) {
+    if (!other_mesh && scene.label_property != survey.label_property) {
+      return InputError(absl::StrCat(scene.folder, "/scene.json"), "label_property",
+                        "another value than in the base job, for the same mesh", "the base job's value, or a new job");
+    }
+    survey.mesh_path = scene.mesh_path;
+    survey.label_property = scene.label_property;
+  }
   for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
   TESSERA_RETURN_IF_ERROR(FillContents(files, PartOf(control, 0, 0.4), &scene));
   if (!survey.classifier.empty()) {
@@ -141,7 +157,7 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(const ViewChanges changes, UpdateViews(scene, whole, parameters, files.carried, &survey));
   if (other_mesh) {
     TESSERA_RETURN_IF_ERROR(
-        ReviseMesh(scene, base_mesh_path, request, city, PartOf(control, 0.4, 0.6), &survey, &outcome.warnings));
+        ReviseMesh(scene, base_mesh, request, city, PartOf(control, 0.4, 0.6), &survey, &outcome.warnings));
     TESSERA_ASSIGN_OR_RETURN(city, CityReader::Open(OutputPath(request, kCityFile)));
     outcome.outputs.push_back(kCityFile);
   }

@@ -15,8 +15,10 @@
 #include "common/job/task_parameters.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
+#include "tests/property/line/same_mesh.h"
 #include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
+#include "tests/support/quad_mesh.h"
 #include "tests/support/read_city.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/city/city_file.h"
@@ -107,6 +109,17 @@ TEST(Line, IngestIsBitIdenticalForATranslatedScene) {
   }
   EXPECT_EQ(cities[0], cities[1]);
   EXPECT_EQ(SurveyToJson(surveys[0]), SurveyToJson(surveys[1]));
+}
+
+// Quads with labels as floats are the same scene as their triangles.
+TEST(Line, MeshesOfOtherProgramsGiveTheSameResult) {
+  const std::string folder = FreshTestFolder("other");
+  const TinyScene scene = WriteTinyScene(folder);
+  const std::string triangles = RunScene(folder, "triangles", {.tiles = 2});
+  WriteText(folder + "/mesh.ply", QuadPly(scene.mesh));
+  const std::string quads = RunScene(folder, "quads", {.tiles = 2});
+  EXPECT_TRUE(SameMesh(triangles + "/" + kMeshFile, quads + "/" + kMeshFile));
+  EXPECT_NE(ReadText(quads + "/" + kReportFile).find("faces of more than 3 vertices split into"), std::string::npos);
 }
 
 TEST(Line, ResultIsIndependentOfTheTilingAndLabelsStayCorrect) {
@@ -312,7 +325,8 @@ TEST(Line, LabelsOnlyRequiresLikelihoods) {
     settings.method = "labels";
     const Status status = RunLine(folder, folder + "/work" + std::to_string(tiles), settings).status();
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << tiles;
-    EXPECT_NE(std::string(status.message()).find("found no likelihoods of two or more classes"), std::string::npos) << status;
+    EXPECT_NE(std::string(status.message()).find("found no likelihoods of two or more classes"), std::string::npos)
+        << status;
   }
 }
 

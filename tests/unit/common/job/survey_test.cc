@@ -48,6 +48,18 @@ TEST(Survey, JsonRoundTripKeepsEveryBit) {
   EXPECT_EQ(parsed->borders, MakeSurvey().borders);
 }
 
+TEST(Survey, LabelPropertyIsKeptIfItIsSet) {
+  EXPECT_EQ(SurveyToJson(MakeSurvey()).find("label_property"), std::string::npos);
+  for (const char* const property : {"class", ""}) {
+    Survey survey = MakeSurvey();
+    survey.label_property = property;
+    const StatusOr<Survey> parsed = ParseSurvey(SurveyToJson(survey));
+    ASSERT_TRUE(parsed.ok()) << parsed.status();
+    EXPECT_EQ(parsed->label_property, property);
+    EXPECT_EQ(SurveyToJson(WithoutNames(survey)), SurveyToJson(WithoutNames(MakeSurvey())));
+  }
+}
+
 TEST(Survey, SurveysBeforeAnchorWeightsParseAsZero) {
   std::string json = SurveyToJson(MakeSurvey());
   for (size_t at = json.find("\"keep\":"); at != std::string::npos; at = json.find("\"keep\":")) {

@@ -259,8 +259,8 @@ TEST(Ply, HeaderFaults) {
               HasSubstr("line 8: found face property 'vertex_indices' that is not a list"));
   EXPECT_THAT(error("list uchar int", "list uchar float"), HasSubstr("line 8: found face property 'vertex_indices'"));
   EXPECT_THAT(error("list uchar", "list float"), HasSubstr("line 8: found list count type 'float'"));
-  EXPECT_THAT(error("int label", "float label"),
-              HasSubstr("line 9: found face property 'label' that is not an integer"));
+  EXPECT_THAT(error("int label", "list uchar int label"),
+              HasSubstr("line 9: found face property 'label' that is a list, expected 'property int label'"));
   EXPECT_THAT(error("property int label", "property list uchar int vertex_index"),
               HasSubstr("line 9: found both vertex_indices and vertex_index"));
 }
@@ -272,8 +272,11 @@ TEST(Ply, TextFaults) {
             "city.ply: line 14 (face 0): found vertex index '3', expected an index below 3");
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 -1 2 4\n"), HasSubstr("line 14 (face 0): found vertex index '-1'"));
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1.0 2 4\n"), HasSubstr("line 14 (face 0): found vertex index '1.0'"));
-  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n4 0 1 2 0 4\n"), HasSubstr("found a face of '4' vertices, expected 3"));
+  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n2 0 1 4\n"),
+              HasSubstr("line 14 (face 0): found a face of '2' vertices, expected 3 to 1000 vertices"));
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n-3 0 1 2 4\n"), HasSubstr("found a face of '-3' vertices, expected 3"));
+  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n1001 0 1 2 4\n"), HasSubstr("found a face of '1001' vertices, expected 3"));
+  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n"), HasSubstr("found the end of the line, expected a vertex index"));
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 -2\n"), HasSubstr("line 14 (face 0): found label '-2'"));
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 3000000000\n"), HasSubstr("found label '3000000000'"));
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n\n\n"), HasSubstr("line 14 (face 0): found the end of the line"));
@@ -287,8 +290,8 @@ TEST(Ply, TextFaults) {
   EXPECT_THAT(error("0 0 0\n1 0 1,5\n0 1 0\n3 0 1 2 4\n"), HasSubstr("line 12 (vertex 1): found z = '1,5'"));
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n\n\n\n\n\n\n"),
               HasSubstr("line 20 (face 0): found the end of the file, expected 1 elements 'face'"));
-  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 4\n\n7\n"),
-              HasSubstr("line 16: found '7', expected the end of the f"));
+  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 4\n\n7 7 7 7 7 7 7 7 7\n"),
+              HasSubstr("line 16: found 18 bytes after the last element, expected the end of the f"));
   const std::string list = Replaced(header, "property int label", "property list int int extra");
   EXPECT_THAT(ErrorOf(list + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 -1\n"), HasSubstr("found a list 'extra' of '-1' values"));
   EXPECT_THAT(ErrorOf(list + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 2 7\n"), HasSubstr("found a list 'extra' of 1 values"));
@@ -300,7 +303,8 @@ TEST(Ply, BinaryFaults) {
   ASSERT_TRUE(ParsePly(header + OneFace(0, 3, 2), "good").ok());
   EXPECT_EQ(ErrorOf(header + OneFace(0, 3, 3)), start + "found vertex index 3, expected an index below 3");
   EXPECT_EQ(ErrorOf(header + OneFace(0, 3, -1)), start + "found vertex index -1, expected an index below 3");
-  EXPECT_EQ(ErrorOf(header + OneFace(0, 4, 2)), start + "found a face of 4 vertices, expected 3 (triangles only)");
+  EXPECT_EQ(ErrorOf(header + OneFace(0, 2, 2)), start + "found a face of 2 vertices, expected 3 to 1000 vertices");
+  EXPECT_THAT(ErrorOf(header + OneFace(0, 4, 2)), HasSubstr("(face 0): found the end of the file"));
   EXPECT_THAT(ErrorOf(Replaced(header, "uchar int", "char int") + OneFace(0, 255, 2)),
               HasSubstr("(face 0): found a face of -1 vertices, expected 3"));
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()}) {
@@ -309,8 +313,9 @@ TEST(Ply, BinaryFaults) {
                       HasSubstr(", expected a finite number")));
   }
   const std::string whole = header + OneFace(0, 3, 2);
-  EXPECT_EQ(ErrorOf(whole + "\n"), "city.ply: byte " + std::to_string(whole.size()) +
-                                       ": found 1 bytes after the last element, expected the end of the file");
+  EXPECT_EQ(ErrorOf(whole + std::string(17, '\n')),
+            "city.ply: byte " + std::to_string(whole.size()) +
+                ": found 17 bytes after the last element, expected the end of the file");
   // A file truncated at any byte is rejected.
   for (size_t size = 0; size < whole.size(); ++size) ErrorOf(whole.substr(0, size));
   EXPECT_EQ(
@@ -351,7 +356,8 @@ TEST(PlyStream, AppearsOnlyWithTheAnnouncedCounts) {
   const auto read = ReadPly(path);
   ASSERT_TRUE(read.ok()) << read.status();
   EXPECT_EQ(read->mesh.vertices[2], Eigen::Vector3d(1, 4, -1));
-  EXPECT_EQ(*PlyFaceCount(path), 1);
+  EXPECT_FALSE(*PlyHasMoreFaces(path, 1));
+  EXPECT_TRUE(*PlyHasMoreFaces(path, 0));
 }
 
 TEST(PlyStream, OutdatedFacesHaveAByte) {

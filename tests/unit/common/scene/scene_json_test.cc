@@ -68,6 +68,17 @@ TEST(SceneJsonTest, EveryKeyIsRead) {
   EXPECT_THAT(file.flights[1].patterns, ElementsAre("*"));
 }
 
+TEST(SceneJsonTest, LabelProperty) {
+  EXPECT_FALSE(Parse(R"({"tessera_scene": 1})").label_property.has_value());
+  EXPECT_EQ(Parse(R"({"tessera_scene": 1, "label_property": "class"})").label_property, "class");
+  EXPECT_EQ(Parse(R"({"tessera_scene": 1, "label_property": null})").label_property, "");
+  for (const char* const wrong : {"\"\"", "3", "[\"class\"]"}) {
+    EXPECT_THAT(FaultsOf(std::string(R"({"tessera_scene": 1, "label_property": )") + wrong + "}"),
+                ElementsAre(HasSubstr("label_property: found " + std::string(wrong) +
+                                      ", expected the name of a property, or null for no labels")));
+  }
+}
+
 TEST(SceneJsonTest, SyntaxErrorsHaveLineAndColumn) {
   EXPECT_THAT(FaultsOf("{\n  \"tessera_scene\": 1,\n  \"name\": oops\n}"),
               ElementsAre(HasSubstr("scene.json: line 3, column 11: found syntax error")));

@@ -13,6 +13,7 @@
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
 #include "common/scene/check.h"
+#include "tests/support/quad_mesh.h"
 #include "tests/support/tiny_scene.h"
 
 namespace tessera {
@@ -441,6 +442,22 @@ const BadInput kBadInputs[] = {
        WriteText(f + "/mesh.ply", AsciiPly(mesh, "double"));
      },
      {"mesh.ply: face 5: found label 3, expected 0 to 2"}},
+    {"MeshIsALfsPointer",
+     [](const std::string& f, const TinyScene&) {
+       WriteText(f + "/mesh.ply", "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 1234\n");
+     },
+     {"mesh.ply: ", "found a Git LFS pointer in place of the file", "run 'git lfs pull'"}},
+    {"MeshIsStl",
+     [](const std::string& f, const TinyScene&) {
+       WriteText(f + "/mesh.ply", "solid cube\nfacet normal 0 0 1\nendsolid\n");
+     },
+     {"mesh.ply: first bytes: found a text STL file, expected a mesh file (PLY, OBJ): convert it"}},
+    {"TwoLabelProperties",
+     [](const std::string& f, const TinyScene& scene) {
+       WriteText(f + "/mesh.ply", QuadPly(scene.mesh));
+       ReplaceInFile(f + "/mesh.ply", "property float category_id", "property float category_id\nproperty int class");
+     },
+     {"mesh.ply: line 10: found face properties 'category_id' and 'class'", "\"label_property\""}},
 };
 
 INSTANTIATE_TEST_SUITE_P(Each, BadInputTest, testing::ValuesIn(kBadInputs),
@@ -471,6 +488,66 @@ TEST(CheckTest, RejectsFloatMeshesWithTooLargeRounding) {
   const TinyScene small = WriteTinyScene(near);
   WriteText(near + "/mesh.ply", AsciiPly(small.mesh, "float"));
   EXPECT_EQ(FaultText(near), "");
+}
+
+TEST(SceneTest, MeshesOfOtherProgramsAreTheSameMesh) {
+  const std::string folder = FreshTestFolder("scene");
+  const TinyScene tiny = WriteTinyScene(folder);
+  const std::string faces = std::to_string(tiny.mesh.faces.size()), quads = std::to_string(tiny.mesh.faces.size() / 2);
+  const std::string split = "mesh.ply: " + quads + " faces of more than 3 vertices split into " + faces + " triangles";
+  for (const bool obj : {false, true}) {
+    WriteText(folder + "/mesh.ply", obj ? QuadObj(tiny.mesh) : QuadPly(tiny.mesh));
+    Warnings warnings;
+    const StatusOr<SceneDescription> scene = LoadScene(folder, &warnings);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_EQ(scene->mesh_has_labels, !obj);
+    const StatusOr<TriangleMesh> mesh = LoadSceneMesh(*scene, 0.2, &warnings);
+    ASSERT_TRUE(mesh.ok()) << mesh.status();
+    EXPECT_EQ(mesh->faces, tiny.mesh.faces);
+    EXPECT_EQ(mesh->labels, obj ? std::vector<int32_t>() : tiny.mesh.labels);
+    EXPECT_THAT(warnings, Contains(HasSubstr(split)));
+    Warnings of_check;
+    const StatusOr<SceneSummary> summary = CheckSceneFolder(folder, &of_check, {});
+    ASSERT_TRUE(summary.ok()) << summary.status();
+    EXPECT_EQ(of_check, warnings);
+  }
+}
+
+TEST(SceneTest, LabelsOfVerticesAreLabels) {
+  const std::string folder = FreshTestFolder("scene");
+  TinySceneOptions options;
+  options.likelihoods = TinySceneOptions::Likelihoods::kNone;
+  const TinyScene tiny = WriteTinyScene(folder, options);
+  WriteText(folder + "/mesh.ply", VertexLabelPly(tiny.mesh));
+  Warnings warnings;
+  const StatusOr<SceneDescription> scene = LoadScene(folder, &warnings);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_TRUE(scene->mesh_has_labels);
+  EXPECT_EQ(scene->classes.size(), 3u);
+  const StatusOr<TriangleMesh> mesh = LoadSceneMesh(*scene, 0.2, &warnings);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_EQ(mesh->labels.size(), tiny.mesh.faces.size());
+  EXPECT_THAT(warnings, Contains(HasSubstr("mesh.ply: labels are those of the vertices ('scalar_Label')")));
+}
+
+TEST(SceneTest, LabelPropertyChoosesOrRemovesTheLabels) {
+  const std::string folder = FreshTestFolder("scene");
+  const TinyScene tiny = WriteTinyScene(folder);
+  WriteText(folder + "/mesh.ply", QuadPly(tiny.mesh));
+  ReplaceInFile(folder + "/mesh.ply", "category_id", "classification");
+  ReplaceInFile(folder + "/mesh.ply", " 0.000000", " 6.000000");
+  EXPECT_THAT(FaultText(folder),
+              HasSubstr("found label 6, expected 0 to 2 (index into classes), or -1 for no label; if 'classification' "
+                        "holds no labels, set \"label_property\": null in scene.json"));
+  const std::string json = ReadText(folder + "/scene.json");
+  ReplaceInFile(folder + "/scene.json", "\"crs\"", "\"label_property\": null, \"crs\"");
+  EXPECT_EQ(FaultText(folder), "");
+  WriteText(folder + "/scene.json", json);
+  ReplaceInFile(folder + "/scene.json", "\"crs\"", "\"label_property\": \"kind\", \"crs\"");
+  EXPECT_THAT(FaultText(folder), HasSubstr("mesh.ply: header: found no property 'kind'"));
+  ReplaceInFile(folder + "/mesh.ply", "classification", "kind");
+  ReplaceInFile(folder + "/mesh.ply", " 6.000000", " 0.000000");
+  EXPECT_EQ(FaultText(folder), "");
 }
 
 TEST(CheckTest, DefectsOfTheMeshAreWarnings) {

@@ -233,19 +233,21 @@ TEST(UpdatePlan, ChangedMeshIsReadFromTheUpdate) {
 
 TEST(UpdatePlan, MeshOfTheBaseIsReadIfTheSceneMayHaveAnother) {
   Pair pair(4);
-  for (const bool other : {false, true}) {
+  for (const std::string& other : {std::string(), std::string("mesh.ply"), std::string("city.obj")}) {
     std::vector<NamedDigest> files;
     for (const NamedDigest& file : pair.base.scene_files) {
       if (file.name != "mesh.ply") files.push_back(file);
       if (file.name == "mesh.ply") files.push_back({CarriedName(file), file.digest});
     }
-    if (other) files.push_back({"mesh.ply", DigestOf("another mesh")});
+    if (!other.empty()) files.push_back({other, DigestOf("another mesh")});
     std::sort(files.begin(), files.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
     const auto tasks = PlanUpdate({}, files, pair.base);
     ASSERT_TRUE(tasks.ok()) << tasks.status();
     int meshes = 0;
-    for (const int file : *(*tasks)[1].scene_files) meshes += files[file].name.ends_with("mesh.ply");
-    EXPECT_EQ(meshes, other ? 2 : 0);
+    for (const int file : *(*tasks)[1].scene_files) {
+      meshes += files[file].name == other || files[file].name.ends_with("mesh.ply");
+    }
+    EXPECT_EQ(meshes, other.empty() ? 0 : 2);
     EXPECT_TRUE(std::is_sorted((*tasks)[1].scene_files->begin(), (*tasks)[1].scene_files->end()));
   }
 }

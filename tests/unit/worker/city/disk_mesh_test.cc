@@ -9,6 +9,7 @@
 #include "common/base/random.h"
 #include "common/geometry/coarse_mesh.h"
 #include "common/geometry/repair.h"
+#include "tests/support/quad_mesh.h"
 #include "tests/support/tiny_scene.h"
 #include "tests/unit/worker/city/to_disk.h"
 #include "worker/city/local_grid.h"
@@ -130,6 +131,33 @@ TEST(ReadMeshToDisk, EqualsLoadSceneMeshOnTheLocalGrid) {
   EXPECT_EQ(ReadMeshToDisk(fewer, folder).status().message(), LoadSceneMesh(fewer, 0).status().message());
   WriteText(folder + "/mesh.ply", ReadText(folder + "/mesh.ply").substr(0, 3000));
   EXPECT_EQ(ReadMeshToDisk(*scene, folder).status().message(), LoadSceneMesh(*scene, 0).status().message());
+}
+
+TEST(ReadMeshToDisk, EqualsLoadSceneMeshForMeshesOfOtherPrograms) {
+  const std::string folder = FreshTestFolder("other");
+  const TinyScene tiny = WriteTinyScene(folder);
+  const std::string mark = "\xef\xbb\xbf";
+  for (const std::string& bytes : {QuadPly(tiny.mesh), QuadObj(tiny.mesh), VertexLabelPly(tiny.mesh),
+                                   mark + QuadPly(tiny.mesh) + std::string(5, '\0')}) {
+    WriteText(folder + "/mesh.ply", bytes);
+    Warnings of_scene, of_disk;
+    const auto scene = LoadScene(folder, &of_scene);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    of_scene.clear();
+    auto expected = LoadSceneMesh(*scene, 0, &of_scene);
+    ASSERT_TRUE(expected.ok()) << expected.status();
+    for (Eigen::Vector3d& p : expected->vertices) p = OnLocalGrid(p);
+    const auto found = ReadMeshToDisk(*scene, folder, &of_disk);
+    ASSERT_TRUE(found.ok()) << found.status();
+    ExpectSame(*expected, *found);
+    EXPECT_EQ(found->faces.size(), tiny.mesh.faces.size());
+    EXPECT_EQ(of_disk, of_scene);
+    EXPECT_FALSE(of_disk.empty());
+    // Errors are the same too.
+    WriteText(folder + "/mesh.ply", bytes + "f 1 2\n" + std::string(20, '7'));
+    EXPECT_FALSE(ReadMeshToDisk(*scene, folder).ok());
+    EXPECT_EQ(ReadMeshToDisk(*scene, folder).status().message(), LoadSceneMesh(*scene, 0).status().message());
+  }
 }
 
 TEST(CoarsenMesh, StaysWithinItsErrorBoundAndHasNoDuplicateFaces) {

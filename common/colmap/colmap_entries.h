@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/scene/colmap.h"
+#include "common/colmap/colmap.h"
 
 namespace tessera {
 

@@ -1,4 +1,4 @@
-#include "common/scene/colmap_frames.h"
+#include "common/colmap/colmap_frames.h"
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -6,8 +6,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "common/scene/colmap_bytes.h"
-#include "common/scene/colmap_lines.h"
+#include "common/colmap/colmap_bytes.h"
+#include "common/colmap/colmap_lines.h"
 
 namespace tessera {
 namespace {

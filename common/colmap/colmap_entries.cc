@@ -1,4 +1,4 @@
-#include "common/scene/colmap_entries.h"
+#include "common/colmap/colmap_entries.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

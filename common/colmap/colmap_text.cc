@@ -2,9 +2,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "common/scene/colmap.h"
-#include "common/scene/colmap_entries.h"
-#include "common/scene/colmap_lines.h"
+#include "common/colmap/colmap.h"
+#include "common/colmap/colmap_entries.h"
+#include "common/colmap/colmap_lines.h"
 
 namespace tessera {
 namespace {

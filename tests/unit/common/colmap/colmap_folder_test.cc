@@ -7,7 +7,7 @@
 #include <filesystem>
 
 #include "absl/strings/str_cat.h"
-#include "common/scene/colmap.h"
+#include "common/colmap/colmap.h"
 #include "tests/support/tiny_scene.h"
 
 namespace tessera {

@@ -1,7 +1,7 @@
 #include "absl/strings/str_cat.h"
-#include "common/scene/colmap.h"
-#include "common/scene/colmap_bytes.h"
-#include "common/scene/colmap_entries.h"
+#include "common/colmap/colmap.h"
+#include "common/colmap/colmap_bytes.h"
+#include "common/colmap/colmap_entries.h"
 
 namespace tessera {
 namespace {

@@ -1,4 +1,4 @@
-#include "common/scene/colmap.h"
+#include "common/colmap/colmap.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

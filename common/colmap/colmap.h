@@ -4,7 +4,7 @@
 #include <string>
 
 #include "common/base/status.h"
-#include "common/scene/calibrated_images.h"
+#include "common/colmap/calibrated_images.h"
 #include "common/storage/allowed_files.h"
 
 namespace tessera {

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "common/scene/colmap_entries.h"
+#include "common/colmap/colmap_entries.h"
 
 namespace tessera {
 

@@ -1,4 +1,4 @@
-#include "common/scene/colmap.h"
+#include "common/colmap/colmap.h"
 
 #include <algorithm>
 #include <optional>
@@ -6,8 +6,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "common/scene/colmap_compare.h"
-#include "common/scene/colmap_frames.h"
+#include "common/colmap/colmap_compare.h"
+#include "common/colmap/colmap_frames.h"
 #include "common/storage/lfs_pointer.h"
 
 namespace tessera {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/scene/colmap_compare.h"
+#include "common/colmap/colmap_compare.h"
 
 namespace tessera {
 

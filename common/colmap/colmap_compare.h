@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <string>
 
-#include "common/scene/calibrated_images.h"
+#include "common/colmap/calibrated_images.h"
 
 namespace tessera {
 

@@ -1,4 +1,4 @@
-#include "common/scene/colmap_compare.h"
+#include "common/colmap/colmap_compare.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -1,0 +1,79 @@
+#include "common/meshio/foreign_content.h"
+
+#include <cstring>
+#include <initializer_list>
+
+namespace tessera {
+namespace {
+
+constexpr char kConvert[] = "convert it, for example with MeshLab, Blender or CloudCompare";
+constexpr char kMeshFirst[] = "it has points; build a mesh from them first";
+constexpr char kUnpack[] = "unpack it";
+constexpr char kDownload[] = "download the file again";
+
+struct Signature {
+  std::string_view begins;  // the first bytes
+  const char* name;
+  const char* remedy;
+};
+
+constexpr Signature kSignatures[] = {
+    {"version https://git-lfs.github.com/spec/", "a Git LFS pointer in place of the file", "run 'git lfs pull'"},
+    {"glTF", "a binary glTF file (GLB)", kConvert},
+    {"LASF", "a point cloud (LAS or LAZ)", kMeshFirst},
+    {"# .PCD", "a point cloud (PCD)", kMeshFirst},
+    {"ASTM-E57", "a point cloud (E57)", kMeshFirst},
+    {"Kaydara FBX Binary", "an FBX file", kConvert},
+    {"DRACO", "a mesh that is compressed with Draco", "decompress it"},
+    {"PK\x03\x04", "a ZIP archive", kUnpack},
+    {"\x1f\x8b", "a gzip file", kUnpack},
+    {"7z\xbc\xaf\x27\x1c", "a 7z archive", kUnpack},
+    {"<!DOCTYPE html", "a web page", kDownload},
+    {"<!doctype html", "a web page", kDownload},
+    {"<html", "a web page", kDownload},
+    {"<?xml", "an XML file", kConvert},
+};
+
+// The first word of a text.
+std::string_view FirstWord(std::string_view text) {
+  constexpr std::string_view kBlanks = " \t\r\n";
+  const size_t begin = text.find_first_not_of(kBlanks);
+  if (begin == std::string_view::npos) return {};
+  return text.substr(begin, text.find_first_of(kBlanks, begin) - begin);
+}
+
+// 80 bytes of any text, the number of triangles, 50 bytes per triangle.
+bool IsBinaryStl(std::string_view head, int64_t size_bytes) {
+  constexpr size_t kCountAt = 80;
+  uint32_t count = 0;
+  if (head.size() < kCountAt + sizeof(count)) return false;
+  std::memcpy(&count, head.data() + kCountAt, sizeof(count));
+  return size_bytes == static_cast<int64_t>(kCountAt + sizeof(count)) + 50 * static_cast<int64_t>(count);
+}
+
+bool IsGltf(std::string_view head) {
+  if (!FirstWord(head).starts_with("{")) return false;
+  for (const std::string_view key : {"\"asset\"", "\"accessors\"", "\"bufferViews\"", "\"meshes\"", "\"scenes\""}) {
+    if (head.find(key) != std::string_view::npos) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::optional<ForeignContent> RecogniseForeignContent(std::string_view head, int64_t size_bytes) {
+  for (const Signature& signature : kSignatures) {
+    if (head.starts_with(signature.begins)) return ForeignContent{signature.name, signature.remedy};
+  }
+  const std::string_view word = FirstWord(head);
+  for (const std::string_view off : {"OFF", "COFF", "NOFF", "STOFF", "CNOFF", "4OFF", "nOFF"}) {
+    if (word == off) return ForeignContent{"an OFF file", kConvert};
+  }
+  if (word == "solid" && head.find("facet") != std::string_view::npos)
+    return ForeignContent{"a text STL file", kConvert};
+  if (IsBinaryStl(head, size_bytes)) return ForeignContent{"a binary STL file", kConvert};
+  if (IsGltf(head)) return ForeignContent{"a glTF file", kConvert};
+  return {};
+}
+
+}  // namespace tessera
