@@ -13,7 +13,7 @@ namespace {
 constexpr double kGoodPoses_px = 0.32;
 constexpr double kGoodFocal = 0.003;  // relative
 constexpr double kGoodMeshShift_gsd = 2;
-constexpr int kLeastPatches = 200;  // of a scene that is judged
+constexpr int kJudgedPatches = 200;  // of a scene that is judged
 constexpr size_t kListed = 20;
 
 std::string Names(const SceneDescription& scene, const std::vector<int>& views) {
@@ -30,7 +30,7 @@ bool IsShifted(const SceneFit& fit, double gsd_m) { return fit.mesh_shift_m.norm
 }  // namespace
 
 bool NeedsReading(const SceneFit& fit, double gsd_m) {
-  return fit.all.patches < kLeastPatches || fit.all.above_chance < kBadFit || IsShifted(fit, gsd_m);
+  return fit.all.patches < kJudgedPatches || fit.all.above_chance < kBadFit || IsShifted(fit, gsd_m);
 }
 
 Status JudgeFit(const SceneDescription& scene, const SceneFit& fit, const Reading& reading, double gsd_m,
@@ -43,7 +43,7 @@ Status JudgeFit(const SceneDescription& scene, const SceneFit& fit, const Readin
                       absl::StrFormat("cameras, images and mesh that fit. %.0f %% would match if %s",
                                       100 * reading.above_chance, reading.fault));
   }
-  if (fit.all.patches < kLeastPatches) return absl::OkStatus();
+  if (fit.all.patches < kJudgedPatches) return absl::OkStatus();
   if (fit.all.above_chance < kNoFit) {
     return InputError(path, "", absl::StrCat(found, " (5 % match by chance)"),
                       "cameras, images and mesh that fit: check the units, axes and offset of the mesh, and the poses");

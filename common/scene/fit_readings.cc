@@ -11,6 +11,7 @@
 namespace tessera {
 namespace {
 
+constexpr double kFoot_m = 0.3048;
 // Enough to tell a fit from chance.
 constexpr FitOptions kSmall = {.pairs = 16, .patches = 60};
 
@@ -66,7 +67,6 @@ Candidate OfTurn(const char* fault, int cosine, int sine) {
 }
 
 std::vector<Candidate> Candidates(const SceneDescription& scene) {
-  constexpr double kFoot_m = 0.3048;
   std::vector<Candidate> all;
   const auto axes = [](int x, int y, int z) {  // rows of a signed permutation, by axis number from 1
     Eigen::Matrix3d m = Eigen::Matrix3d::Zero();
