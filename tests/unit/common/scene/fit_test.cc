@@ -21,7 +21,7 @@ using testing::IsEmpty;
 // A textured plane z = 0, seen by a camera 20 m above it.
 float Texture(double x, double y) {
   double value = 0.5;
-  const double wave_m[5] = {4.1, 2.9, 1.9, 1.3, 0.9};
+  const double wave_m[5] = {0.83, 0.61, 0.43, 0.31, 0.22};
   for (int i = 0; i < 5; ++i) {
     value += 0.08 * std::sin(6.283185307179586 * (x * std::cos(1.0 + i) + y * std::sin(1.0 + i)) / wave_m[i] + i);
   }
