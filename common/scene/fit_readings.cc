@@ -12,6 +12,7 @@ namespace tessera {
 namespace {
 
 constexpr double kFoot_m = 0.3048;
+constexpr double kFits_px = 0.75;  // median offsets under a right reading
 // Enough to tell a fit from chance.
 constexpr FitOptions kSmall = {.pairs = 16, .patches = 60};
 
@@ -143,6 +144,8 @@ StatusOr<Reading> FindReading(const SceneDescription& scene, const TriangleMesh&
     candidate.correct(&corrected, &corrected_mesh);
     TESSERA_ASSIGN_OR_RETURN(const SceneFit found, MeasureFit(corrected, corrected_mesh, kSmall, control));
     if (found.all.patches < 100 || found.all.above_chance <= best.above_chance) continue;
+    // A wrong reading may match flat ground, but not where the mesh puts it.
+    if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px)) continue;
     best = {candidate.fault, found.all.above_chance};
   }
   if (best.fault.empty()) best.above_chance = fit.all.above_chance;
