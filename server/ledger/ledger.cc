@@ -6,7 +6,6 @@
 #include "common/job/task_parameters.h"
 #include "server/ledger/digest_proto.h"
 #include "server/ledger/task_inputs.h"
-#include "server/ledger/task_key.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
 

@@ -1,6 +1,7 @@
-// The input files of tasks, and the tasks that make them.
+// The input files of tasks, the tasks that make them, and the key of a result: the hash of all that it depends on.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "common/base/status.h"
@@ -19,5 +20,9 @@ StatusOr<std::vector<NamedDigest>> InputsOf(const Job& job, const PlannedTask& t
 // The task that can recompute this content: of the job itself (if `own`) or of its base jobs, nearest first.
 // NOT_FOUND if no task made it.
 StatusOr<TaskRef> MakerOf(const Ledger& ledger, int job, const Digest& digest, bool own);
+
+// SHA-256 of the algorithm version, kind, parameters and the inputs' names and digests; their order does not matter.
+std::string TaskKey(const std::string& algorithm_version, const std::string& kind, const std::string& parameters,
+                    std::vector<NamedDigest> inputs);
 
 }  // namespace tessera

@@ -9,7 +9,7 @@
 #include "common/base/version.h"
 #include "server/ledger/check_record.h"
 #include "server/ledger/ledger.h"
-#include "server/ledger/task_key.h"
+#include "server/ledger/task_inputs.h"
 #include "tessera/v1/records.pb.h"
 #include "tests/support/fake_coordinator.h"
 
