@@ -288,7 +288,7 @@ TEST_F(UpdateTest, JobClassifiesImagesOfTheNewFlight) {
             0);
   const Outcome another = Update(NextFlight(), "another", {"--classifier", Path("model")}, Path("four"));
   EXPECT_EQ(another.exit_code, 3) << another.output;
-  EXPECT_THAT(another.output, HasSubstr("an update inherits it from its base job"));
+  EXPECT_THAT(another.output, HasSubstr("an update keeps that of its base"));
   fs::remove(Path("model"));
   const auto images = [](const std::string& scene) {
     return std::distance(fs::directory_iterator(scene + "/images"), fs::directory_iterator());
@@ -419,7 +419,7 @@ TEST_F(UpdateTest, ImpossibleUpdatesAreRefusedWithAdvice) {
   expect(Update(Street(), "e", {"--from-scratch", "--max-price", "1e-9", "--price-per-core-hour", "1"}),
          "core-seconds, more than the");
   const std::string mesh = CopyOfCity(Path("mesh"));
-  Write(mesh + "/mesh.ply", Content(mesh + "/mesh.ply") + " ");
+  Write(mesh + "/mesh.ply", Content(mesh + "/mesh.ply") + std::string(100, ' '));
   expect(Update(mesh, "f"), "mesh.ply");
 }
 
