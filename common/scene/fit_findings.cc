@@ -10,7 +10,7 @@ namespace tessera {
 namespace {
 
 // Poses of good aerial blocks are right to .1 to .2 px; errors above the first bound cost accuracy.
-constexpr double kGoodPoses_px = 0.32;
+constexpr double kGoodPoses_px = 0.3;
 constexpr double kGoodFocal = 0.003;  // relative
 constexpr double kGoodMeshShift_gsd = 2;
 constexpr int kJudgedPatches = 200;  // of a scene that is judged
@@ -49,7 +49,8 @@ Status JudgeFit(const SceneDescription& scene, const SceneFit& fit, const Readin
                       "cameras, images and mesh that fit: check the units, axes and offset of the mesh, and the poses");
   }
   const auto warn = [&](const std::string& text) { warnings->push_back(text); };
-  if (!fit.misplaced.empty() && 2 * fit.misplaced.size() < fit.views.size()) {
+  // If little matches anywhere, differences between images say nothing about them.
+  if (!fit.misplaced.empty() && 2 * fit.misplaced.size() < fit.views.size() && fit.all.above_chance >= kBadFit) {
     warn(absl::StrCat(fit.misplaced.size() == 1 ? "image" : "images", " that disagree with all others: ",
                       Names(scene, fit.misplaced), ": check their poses, or remove them"));
   } else if (fit.all.across_px > kGoodPoses_px) {
