@@ -175,12 +175,10 @@ StatusOr<std::shared_ptr<const LoadedView>> Load(const SceneDescription& scene, 
                            ReadLuminance(absl::StrCat(scene.folder, "/", from.image_path), from.lens));
   PinholeCamera intrinsics = from.camera.intrinsics;
   while (int64_t{loaded->luminance.width} * loaded->luminance.height > kLargestPixels) {
-    const int width = loaded->luminance.width, height = loaded->luminance.height;
-    loaded->luminance = Halved(loaded->luminance);
     // An odd last row or column is dropped, so the scale is exactly two.
-    intrinsics = intrinsics.Resized(2 * intrinsics.width, 2 * intrinsics.height);
-    intrinsics.fx /= 4, intrinsics.fy /= 4, intrinsics.cx /= 4, intrinsics.cy /= 4;
-    intrinsics.width = width / 2, intrinsics.height = height / 2;
+    loaded->luminance = Halved(loaded->luminance);
+    intrinsics = {loaded->luminance.width, loaded->luminance.height, intrinsics.fx / 2,
+                  intrinsics.fy / 2,       intrinsics.cx / 2,        intrinsics.cy / 2};
     loaded->scale *= 2;
   }
   loaded->view.luminance = &loaded->luminance;
@@ -260,9 +258,9 @@ void FindMisplaced(const std::vector<PairFigures>& pairs, SceneFit* fit) {
   if (across.size() < 4) return;
   std::sort(across.begin(), across.end());
   std::sort(above.begin(), above.end());
-  fit->noise_px = across[across.size() / 4];
+  const double usual_px = across[across.size() / 4];
   const double usual_above = above[3 * above.size() / 4];
-  const double far_px = std::max(kMisplaced_px, kMisplacedRatio * fit->noise_px);
+  const double far_px = std::max(kMisplaced_px, kMisplacedRatio * usual_px);
   std::vector<std::array<int, 2>> count(fit->views.size());  // pairs, bad ones
   for (const PairFigures& pair : pairs) {
     const bool bad = pair.share.across_px > far_px || pair.share.above_chance < kMisplacedShare * usual_above;

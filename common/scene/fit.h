@@ -33,7 +33,6 @@ struct SceneFit {
   FitShare all;
   std::vector<FitShare> views;  // of each view
   std::vector<int> misplaced;   // views whose pairs disagree with those of the others
-  double noise_px = -1;         // across_px of pairs that fit
   // The translation of the mesh (local frame) and the relative changes of the cameras' focal lengths that together
   // explain the offsets best.
   Eigen::Vector3d mesh_shift_m = Eigen::Vector3d::Zero();
