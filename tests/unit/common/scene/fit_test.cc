@@ -152,7 +152,7 @@ TEST_F(FitTest, GoodSceneIsNotWarnedOf) {
 }
 
 TEST_F(FitTest, ViewWithAWrongPoseIsNamed) {
-  for (const double error_px : {3.0, 20.0}) {
+  for (const double error_px : {1.5, 3.0, 20.0}) {
     const SceneDescription good = scene_;
     Turn(2, error_px);
     const SceneFit fit = Measure();
@@ -160,6 +160,13 @@ TEST_F(FitTest, ViewWithAWrongPoseIsNamed) {
     EXPECT_THAT(Told(fit), HasSubstr(scene_.views[2].name)) << error_px;
     scene_ = good;
   }
+}
+
+TEST_F(FitTest, SmallErrorsOfAllPosesAreToldOf) {
+  for (size_t v = 0; v < scene_.views.size(); ++v) Turn(v, v % 2 == 0 ? 0.9 : -0.9);
+  const SceneFit fit = Measure();
+  EXPECT_GT(fit.all.across_px, 0.3);
+  EXPECT_THAT(Told(fit), HasSubstr("poses are wrong by"));
 }
 
 TEST_F(FitTest, WrongFocalLengthIsMeasured) {
