@@ -102,7 +102,7 @@ int ReportOutcome(const RunOutcome& outcome, const Folders& folders, double seco
   for (const std::string& line : RunSummary(folders.out)) std::printf("%s\n", PrintableLines(line).c_str());
   std::printf("time: %s\n", FormatDuration(seconds).c_str());
   std::printf("result: %s/mesh.ply\n", folders.out.c_str());
-  return code;
+  return code == kExitOk && ResultIsWorse(folders.out) ? kExitPartial : code;
 }
 
 StatusOr<int> Run(const RunFlags& flags) {
@@ -161,8 +161,8 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
       "the logs: a run that is interrupted or repeated does not compute a task twice. It may be deleted unless a "
       "later\n"
       "run is to use this one as its base job (--base).\n"
-      "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 5 some tiles are quarantined, 130 "
-      "interrupted.\n"
+      "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 5 some tiles are quarantined, or\n"
+      "the result fits the images worse than the start mesh, 130 interrupted.\n"
       "Examples:\n"
       "  tessera run city --workers 2 --tiles 4 --out out\n"
       "  tessera run city --classifier city.model --out out      likelihoods from a trained model\n"

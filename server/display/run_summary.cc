@@ -68,6 +68,13 @@ std::vector<std::string> RunSummary(const std::string& out) {
     lines.push_back(absl::StrCat("photo energy (1 - ZNCC, robust mean): ", Short(energy->before),
                                  " at the finest level's first step, ", Short(energy->after), " at its last"));
   }
+  const auto patches = NumberAt(report, "/fit_change/patches"),
+             fit_before = NumberAt(report, "/fit_change/above_chance_start"),
+             fit_after = NumberAt(report, "/fit_change/above_chance_result");
+  if (patches && fit_before && fit_after && *patches > 0) {
+    lines.push_back(absl::StrFormat("fit of images: %.1f %% of %s patches match at the start, %.1f %% in the result",
+                                    100 * *fit_before, Count(*patches), 100 * *fit_after));
+  }
   if (const auto moved_m = NumberAt(report, "/displacement/rms_m")) {
     lines.push_back(absl::StrCat("moved: ", Short(*moved_m), " m rms"));
   }
@@ -91,6 +98,12 @@ std::vector<std::string> RunSummary(const std::string& out) {
   if (tasks && reused)
     lines.push_back(absl::StrCat("tasks: ", Count(*tasks), ", of which ", Count(*reused), " reused"));
   return lines;
+}
+
+bool ResultIsWorse(const std::string& out) {
+  const nlohmann::json report = ReadJson(out + "/report.json");
+  const nlohmann::json::json_pointer worse("/fit_change/worse");
+  return report.is_object() && report.contains(worse) && report[worse] == true;
 }
 
 }  // namespace tessera

@@ -14,6 +14,17 @@ void SetCost(const Prediction& cost, PlannedTask* task) {
   task->stored_bytes = cost.stored_bytes;
 }
 
+std::vector<std::string> ViewNames(const Survey& survey) {
+  constexpr size_t kMostBytes = 1 << 20;
+  std::vector<std::string> names;
+  size_t bytes = 0;
+  for (const SceneView& view : survey.views) {
+    names.push_back(view.name);
+    bytes += view.name.size();
+  }
+  return bytes <= kMostBytes ? names : std::vector<std::string>();
+}
+
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
                                                                        const std::vector<std::string>& files) {
   std::vector<std::vector<PlannedTask::ViewFile>> found(survey.views.size());

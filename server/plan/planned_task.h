@@ -62,6 +62,10 @@ struct PlannedTask {
 
 void SetCost(const Prediction& cost, PlannedTask* task);
 
+// The names of the survey's views, for messages; empty if they take more than 1 MiB, because they become parameters of a
+// task.
+std::vector<std::string> ViewNames(const Survey& survey);
+
 // Per view: its image and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of a
 // missing one.
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "worker/publish/fit_summary.h"
+
 namespace tessera {
 namespace {
 
@@ -92,6 +94,13 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
     tile_reports.push_back(json::parse(tile.report));
     tile_reports.back()["tile"] = tile.tile;
     if (tile.quarantined) tile_reports.back()["quarantined"] = true;
+    tile_reports.back().erase("fit");
+  }
+  const std::vector<FitOfTile> fits = FitsOf(tiles);
+  for (const FitOfTile& of_tile : fits) {
+    const auto report = std::find_if(tile_reports.begin(), tile_reports.end(),
+                                     [&](const json& tile) { return tile.at("tile") == of_tile.tile; });
+    (*report)["fit"] = FitShares(of_tile.fit.all);
   }
   json class_names = json::array();
   for (const SceneClass& c : survey.classes) class_names.push_back(c.name);
@@ -108,6 +117,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
               {"area_share_before", shares_before},
               {"area_share_after", shares_after},
               {"seams", SeamStatistics(tile_reports)},
+              {"fit_change", FitSummary(fits, survey)},
               {"tiles", tile_reports},
               {"warnings", survey.warnings}}
              .dump(2) +

@@ -4,6 +4,8 @@
 #include "worker/tasks/step_task.h"
 #include "worker/tasks/task_functions.h"
 #include "worker/tile/measure_tile.h"
+#include "worker/tile/methods.h"
+#include "worker/tile/tile_fit.h"
 
 namespace tessera {
 
@@ -14,8 +16,14 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
   const double seconds_opening = SecondsSince(clock, start_us);
   StepSums sums;
   TESSERA_RETURN_IF_ERROR(
-      Measure(*task.work, *images, task.snapshot, task.at, task.options, PartOf(control, 0, 0.9), clock, &sums));
+      Measure(*task.work, *images, task.snapshot, task.at, task.options, PartOf(control, 0, 0.85), clock, &sums));
   images->data_term.ReleaseBuffers();
+  const StepParameters& p = task.parameters;
+  if (IsLastOfMoves({p.rounds, p.method, p.settings}, task.work->package(), p.step)) {
+    TESSERA_ASSIGN_OR_RETURN(const TileFit fit,
+                             CompareFit(*task.work, *images, task.snapshot.positions, PartOf(control, 0.85, 0.95)));
+    sums.fit = ToJson(fit);
+  }
   const double seconds_loading = seconds_opening + sums.seconds_loading;
   nlohmann::json stats;
   if (task.at.labels()) {

@@ -7,6 +7,7 @@
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
 #include "common/storage/mapped_file.h"
+#include "worker/publish/fit_summary.h"
 #include "worker/publish/flipped_faces.h"
 #include "worker/publish/job_summary.h"
 #include "worker/publish/merge_cores.h"
@@ -93,10 +94,15 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     statistics.AddFace(face.area_before_m2, face.label_before, FaceArea(one_face, 0), face.label);
   }));
   TESSERA_RETURN_IF_ERROR(mesh.Finish());
+  for (size_t v = 0; v < std::min(parameters.view_names.size(), survey.views.size()); ++v) {
+    survey.views[v].name = parameters.view_names[v];
+  }
+  TaskOutcome outcome;
+  outcome.warnings = FitWarnings(FitsOf(reported), survey);
+  survey.warnings.insert(survey.warnings.end(), outcome.warnings.begin(), outcome.warnings.end());
   TESSERA_ASSIGN_OR_RETURN(const std::string report, MakeReport(survey, std::move(statistics), reported));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kReportFile), report));
 
-  TaskOutcome outcome;
   outcome.outputs = {kMeshFile, kReportFile};
   if (parameters.tiles.size() > 1) {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names,

@@ -84,6 +84,7 @@ TileSums CoreSums(const TileWorkspace& work, const StepSums& sums) {
   out.energy = sums.energy;
   out.semantic_energy = sums.semantic_energy;
   out.warped_pixels = sums.warped_pixels;
+  out.fit = sums.fit;
   const std::vector<FaceSums>& photo = sums.derivatives.photo.faces;
   const FaceLikelihoods& likelihoods = sums.likelihoods;
   const auto fill = [&](const std::vector<uint32_t>& faces, FaceSumsById* to) {

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <string>
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
@@ -22,6 +23,7 @@ struct StepSums {
   double energy = -1, semantic_energy = -1;
   int64_t warped_pixels = 0;
   double seconds_loading = 0;  // until the pixels of the level were at hand
+  std::string fit;             // of the last step of a job that moved vertices: ToJson of its TileFit; else empty
 };
 
 // Evaluates the data term (iterations) or sums up likelihoods (label steps) at the positions and labels of `snapshot`.

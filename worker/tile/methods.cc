@@ -33,6 +33,13 @@ void Apply(const MethodSettings& settings, TileRefineOptions* options) {
   Override(settings.window_px, &options->data.window_px);
 }
 
+// ActiveSteps of the job.
+std::vector<int> ActiveOf(const RefineParameters& parameters, const TilePackage& package) {
+  return ActiveSteps(RefineStepsOf(parameters.method, parameters.rounds, parameters.settings),
+                     MethodRulesOf(parameters.method, parameters.rounds, parameters.settings),
+                     {static_cast<int>(package.classes.size()), package.has_likelihoods, package.has_labels});
+}
+
 }  // namespace
 
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes) {
@@ -81,15 +88,17 @@ std::vector<TileStep> TileStepsOf(const std::vector<RefineStep>& steps) {
 }
 
 std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package) {
-  const std::vector<RefineStep> steps = RefineStepsOf(parameters.method, parameters.rounds, parameters.settings);
-  const MethodRules rules = MethodRulesOf(parameters.method, parameters.rounds, parameters.settings);
-  const std::vector<TileStep> all = TileStepsOf(steps);
+  const std::vector<TileStep> all =
+      TileStepsOf(RefineStepsOf(parameters.method, parameters.rounds, parameters.settings));
   std::vector<TileStep> active;
-  for (const int s : ActiveSteps(
-           steps, rules, {static_cast<int>(package.classes.size()), package.has_likelihoods, package.has_labels})) {
-    active.push_back(all[s]);
-  }
+  for (const int s : ActiveOf(parameters, package)) active.push_back(all[s]);
   return active;
+}
+
+bool IsLastOfMoves(const RefineParameters& parameters, const TilePackage& package, int step) {
+  const std::vector<int> active = ActiveOf(parameters, package);
+  return package.has_pairs && MethodRulesOf(parameters.method, parameters.rounds, parameters.settings).moves &&
+         !active.empty() && active.back() == step;
 }
 
 }  // namespace tessera

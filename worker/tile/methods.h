@@ -57,4 +57,7 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
 // The active steps of a job for this package (ActiveSteps). Settings must pass CheckMethod.
 std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package);
 
+// Whether `step` (index in RefineStepsOf) is the last active step of a job that moves vertices.
+bool IsLastOfMoves(const RefineParameters& parameters, const TilePackage& package, int step);
+
 }  // namespace tessera

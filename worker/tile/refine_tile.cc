@@ -1,6 +1,8 @@
 #include "worker/tile/refine_tile.h"
 
+#include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -8,6 +10,7 @@
 #include "worker/tile/measure_tile.h"
 #include "worker/tile/repair_tile.h"
 #include "worker/tile/solve_tile.h"
+#include "worker/tile/tile_fit.h"
 
 namespace tessera {
 namespace {
@@ -66,6 +69,14 @@ StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, con
     out.seconds_data += measured_s - sums.seconds_loading - photo.seconds_visibility;
     out.seconds_step += SecondsSince(clock, start_us) - measured_s;
     if (at.step.ends_level) TESSERA_RETURN_IF_ERROR(repair(RepairStage::kLevel));
+  }
+  if (work.package().has_pairs && std::any_of(steps.begin(), steps.end(), [](auto& at) { return !at.labels(); })) {
+    work.EndIterations();
+    images.data_term.ReleaseBuffers();
+    TESSERA_ASSIGN_OR_RETURN(const TileFit fit, CompareFit(work, images, snapshot.positions, PartOf(control, 1, 1)));
+    nlohmann::json report = nlohmann::json::parse(snapshot.report);
+    report["fit"] = nlohmann::json::parse(ToJson(fit));
+    snapshot.report = report.dump();
   }
   FillConfidence(work.package(), &snapshot);
   out.state = work.StateOf(snapshot);

@@ -70,6 +70,9 @@ void SolveIteration(TileWorkspace& work, const TileStep& at, const StepSums& sum
 StatusOr<StepSums> AssembleSums(TileWorkspace& work, const std::vector<TileSums>& tiles, const TileStep& at,
                                 const TileSnapshot& snapshot) {
   StepSums out;
+  const auto own = std::find_if(tiles.begin(), tiles.end(),
+                                [&](const TileSums& of_tile) { return of_tile.tile == work.package().tile; });
+  if (own != tiles.end()) out.fit = own->fit;
   if (at.labels()) {
     TESSERA_ASSIGN_OR_RETURN(out.likelihoods, work.AssembleLikelihoods(tiles, at.region(), snapshot.frozen_faces));
     return out;
@@ -77,11 +80,10 @@ StatusOr<StepSums> AssembleSums(TileWorkspace& work, const std::vector<TileSums>
   if (!work.package().has_pairs) return out;
   TESSERA_ASSIGN_OR_RETURN(out.derivatives.photo.faces, work.AssemblePhoto(tiles, at.region(), snapshot.frozen_faces));
   TESSERA_ASSIGN_OR_RETURN(out.derivatives.contours, work.AssembleContours(tiles, at.region()));
-  for (const TileSums& of_tile : tiles) {
-    if (of_tile.tile != work.package().tile) continue;
-    out.energy = of_tile.energy;
-    out.semantic_energy = of_tile.semantic_energy;
-    out.warped_pixels = of_tile.warped_pixels;
+  if (own != tiles.end()) {
+    out.energy = own->energy;
+    out.semantic_energy = own->semantic_energy;
+    out.warped_pixels = own->warped_pixels;
   }
   return out;
 }
@@ -99,6 +101,7 @@ void Solve(TileWorkspace& work, const TileStep& at, const StepSums& sums, const 
   } else if (work.package().has_pairs) {
     SolveIteration(work, at, sums, options, snapshot, of_round);
   }
+  if (!sums.fit.empty()) report["fit"] = json::parse(sums.fit);
   snapshot->report = report.dump();
 }
 

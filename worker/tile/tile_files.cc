@@ -211,7 +211,8 @@ Status WriteTileSums(const std::string& path, const TileSums& s) {
                        {"classes", s.classes},
                        {"energy", s.energy},
                        {"semantic_energy", s.semantic_energy},
-                       {"warped_pixels", s.warped_pixels}}
+                       {"warped_pixels", s.warped_pixels},
+                       {"fit", s.fit}}
                       .dump();
   const auto put = [&](const std::string& prefix, const FaceSumsById& sums) {
     file.arrays[prefix + "face_ids"] = sums.face_ids;
@@ -247,6 +248,7 @@ StatusOr<TileSums> ReadTileSums(const std::string& path) {
     s.energy = j.at("energy");
     s.semantic_energy = j.at("semantic_energy");
     s.warped_pixels = j.at("warped_pixels");
+    s.fit = j.at("fit");
   }));
   const auto read = [&]<class T>(const std::string& name, std::vector<T>* out) -> Status {
     TESSERA_ASSIGN_OR_RETURN(const std::span<const T> values, file.Verified<T>(name));

@@ -88,6 +88,7 @@ struct TileSums : FaceSumsById {
   // Means over the windows of the tile's pixels, for the report; -1: none.
   double energy = -1, semantic_energy = -1;
   int64_t warped_pixels = 0;
+  std::string fit;  // StepSums::fit
 };
 
 Status WriteTileSums(const std::string& path, const TileSums& sums);
