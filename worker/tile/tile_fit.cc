@@ -67,9 +67,9 @@ SurfacePoint PointOn(const std::vector<Triangle>& faces, const std::vector<Vecto
 }
 
 // The surface at one time.
-class FitSurface {
+class CoreSurface {
  public:
-  FitSurface(const std::vector<Triangle>& faces, const std::vector<Vector3d>& positions)
+  CoreSurface(const std::vector<Triangle>& faces, const std::vector<Vector3d>& positions)
       : faces_(faces), positions_(positions), caster_(SpansOf(faces, positions)) {}
 
   SurfacePoint At(const FacePoint& point) const { return PointOn(faces_, positions_, point); }
@@ -98,7 +98,7 @@ struct FitPair {
 };
 
 // Removes from each pair the points that its views do not both see.
-void KeepSeen(const FitSurface& surface, const std::vector<FacePoint>& points, const TileImages& images,
+void KeepSeen(const CoreSurface& surface, const std::vector<FacePoint>& points, const TileImages& images,
               std::vector<FitPair>* pairs) {
   ParallelForEach(pairs->size(), 1, [&](size_t i) {
     FitPair& pair = (*pairs)[i];
@@ -168,12 +168,12 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
     }
   }
   {
-    const FitSurface start(package.mesh.faces, package.mesh.vertices);
+    const CoreSurface start(package.mesh.faces, package.mesh.vertices);
     KeepSeen(start, points, images, &pairs);
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
   {
-    const FitSurface result(package.mesh.faces, positions);
+    const CoreSurface result(package.mesh.faces, positions);
     KeepSeen(result, points, images, &pairs);
   }
 
