@@ -188,6 +188,29 @@ std::array<float, kShifts * kShifts> Correlations(const Patch& patch, const floa
   return scores;
 }
 
+// A patch of the reference around `centre`, and the other image warped onto it.
+struct WarpedPatch {
+  Eigen::Vector3d centre;
+  Patch patch;
+  WarpedImage warped;
+  Eigen::Vector2d at, right, down;  // position in the other image, and its derivatives by the pixels of the reference
+};
+
+std::optional<WarpedPatch> WarpPatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point) {
+  const Eigen::Vector3d centre = reference.camera.Project(point.position);
+  if (!reference.camera.InImage(centre)) return std::nullopt;
+  const WarpedImage warped(*other.luminance, PlaneHomography(reference.camera, other.camera, point), centre.head<2>());
+  const Eigen::Vector2d at = warped.At(centre.head<2>());
+  const Eigen::Vector2d right = warped.At({centre.x() + 1, centre.y()}) - at;
+  const Eigen::Vector2d down = warped.At({centre.x(), centre.y() + 1}) - at;
+  const double area = std::abs(right.x() * down.y() - right.y() * down.x());
+  if (!(area > 0.25 && area < 4)) return std::nullopt;
+  Patch patch;
+  const WarpedImage unwarped(*reference.luminance, Eigen::Matrix3d::Identity(), centre.head<2>());
+  if (!unwarped.Sample<kPatchRadius_px>({0, 0}, kSide, patch.data()) || !Normalise(&patch)) return std::nullopt;
+  return WarpedPatch{centre, patch, warped, at, right, down};
+}
+
 double Vertex(float left, float middle, float right) {
   const double bend = left - 2.0 * middle + right;
   return bend < -1e-6 ? std::clamp(0.5 * (left - right) / bend, -0.5, 0.5) : 0;
@@ -199,18 +222,9 @@ uint32_t Next(uint32_t* state) { return *state = *state * 1664525u + 1013904223u
 
 std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point,
                                      uint32_t seed) {
-  const Eigen::Vector3d centre = reference.camera.Project(point.position);
-  if (!reference.camera.InImage(centre)) return std::nullopt;
-  const WarpedImage warped(*other.luminance, PlaneHomography(reference.camera, other.camera, point), centre.head<2>());
-  const Eigen::Vector2d at = warped.At(centre.head<2>());
-  const Eigen::Vector2d right = warped.At({centre.x() + 1, centre.y()}) - at;
-  const Eigen::Vector2d down = warped.At({centre.x(), centre.y() + 1}) - at;
-  const double area = std::abs(right.x() * down.y() - right.y() * down.x());
-  if (!(area > 0.25 && area < 4)) return std::nullopt;
-
-  Patch patch;
-  const WarpedImage unwarped(*reference.luminance, Eigen::Matrix3d::Identity(), centre.head<2>());
-  if (!unwarped.Sample<kPatchRadius_px>({0, 0}, kSide, patch.data()) || !Normalise(&patch)) return std::nullopt;
+  const std::optional<WarpedPatch> made = WarpPatch(reference, other, point);
+  if (!made) return std::nullopt;
+  const auto& [centre, patch, warped, at, right, down] = *made;
   std::array<float, kWide * kWideStride> wide = {};
   if (!warped.Sample<kReach>({0, 0}, kWideStride, wide.data())) return std::nullopt;
   const std::array<float, kShifts * kShifts> score = Correlations(patch, wide.data());
@@ -264,6 +278,13 @@ std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView
   if (!(length > 1e-9)) return std::nullopt;
   match.epipolar_dir = match.by_surface / length;
   return match;
+}
+
+float CorrelatePatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point) {
+  const std::optional<WarpedPatch> made = WarpPatch(reference, other, point);
+  Patch seen;
+  if (!made || !made->warped.Sample<kPatchRadius_px>({0, 0}, kSide, seen.data())) return std::nanf("");
+  return Correlation(made->patch, seen);
 }
 
 }  // namespace tessera
