@@ -261,21 +261,20 @@ StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const MeshSpans& me
   std::vector<std::pair<float, TrialScores>> trials;
   TESSERA_RETURN_IF_ERROR(ForEachFitPair(pairs, &images, control, [&](size_t p) {
     const FitPair& pair = pairs[p];
-    const FitImage &reference = images.at(pair.reference), &other = images.at(pair.other);
-    std::vector<std::optional<PatchMatch>> matches(pair.points.size());
+    const PatchView reference = images.At(scene, pair.reference), other = images.At(scene, pair.other);
+    std::vector<std::optional<PatchMatch>> matches =
+        MatchPoints(reference, other, pair.points, static_cast<uint32_t>(p * 1000));
     std::vector<TrialScores> scores(pair.points.size());
     ParallelForEach(pair.points.size(), 16, [&](size_t i) {
-      const SurfacePoint& point = points[pair.points[i]];
-      matches[i] = MatchPatch(reference.view, other.view, point, static_cast<uint32_t>(p * 1000 + i));
       if (matches[i] && i % kPatchesOfTrial == 0) {
-        scores[i] = TryShifts(reference.view, other.view, point, scene.up_in_local);
+        scores[i] = TryShifts(reference, other, pair.points[i], scene.up_in_local);
       }
     });
-    measured[p] = {pair.reference, pair.other, reference.scale, {}};
+    measured[p] = {pair.reference, pair.other, images.Scale(pair.reference), {}};
     for (size_t i = 0; i < matches.size(); ++i) {
       if (!matches[i]) continue;
       if (i % kPatchesOfTrial == 0) trials.emplace_back(static_cast<float>(matches[i]->correlation), scores[i]);
-      measured[p].matches.push_back({points[pair.points[i]], *std::move(matches[i])});
+      measured[p].matches.push_back({pair.points[i], *std::move(matches[i])});
     }
   }));
   SceneFit fit = SumUpFit(scene, measured);

@@ -13,7 +13,7 @@ namespace {
 
 constexpr size_t kSurfacePoints = 20000, kPointsOfView = 100, kMostSurfacePoints = 500000;
 constexpr int kPointsOfAnchor = 600;
-constexpr int kLeastPoints = 20;                                         // of a pair
+constexpr size_t kLeastPoints = 20;                                         // of a pair
 constexpr double kNarrowestAngle_cos = 0.9985, kWidestAngle_cos = 0.76;  // 3 and 40 degrees
 
 class PairFinder {
@@ -76,19 +76,19 @@ class PairFinder {
         const double cosine = (centre - p).normalized().dot((other - p).normalized());
         count += cosine < kNarrowestAngle_cos && cosine > kWidestAngle_cos && InFront(view, points_[i]);
       }
-      if (count >= kLeastPoints) scores.push_back({-count, view});
+      if (count >= static_cast<int>(kLeastPoints)) scores.push_back({-count, view});
     }
     std::sort(scores.begin(), scores.end());
     std::vector<FitPair> pairs;
     for (const auto& [score, view] : scores) {
       if (static_cast<int>(pairs.size()) == partners) break;
-      FitPair pair{reference, view, {}};
+      std::vector<uint32_t> common;
       for (const uint32_t i : seen) {
-        if (Sees(view, points_[i])) pair.points.push_back(i);
+        if (Sees(view, points_[i])) common.push_back(i);
       }
-      if (pair.points.size() < kLeastPoints) continue;
-      pair.points = Thinned(pair.points, patches);
-      pairs.push_back(std::move(pair));
+      if (common.size() < kLeastPoints) continue;
+      FitPair& pair = pairs.emplace_back(FitPair{reference, view, {}});
+      for (const uint32_t i : Thinned(common, patches)) pair.points.push_back(points_[i]);
     }
     return pairs;
   }
@@ -150,37 +150,51 @@ StatusOr<std::vector<FitPair>> FindFitPairs(const SceneDescription& scene, const
   return PairFinder(scene, points, caster, margin_m).Find(options, control);
 }
 
-StatusOr<std::unique_ptr<const FitImage>> FitImages::Load(int view) const {
+StatusOr<FitImages::Image> FitImages::Load(int view) const {
   const SceneView& from = scene_.views[view];
-  auto loaded = std::make_unique<FitImage>();
-  TESSERA_ASSIGN_OR_RETURN(loaded->luminance,
+  Image image;
+  TESSERA_ASSIGN_OR_RETURN(image.luminance,
                            ReadLuminance(absl::StrCat(scene_.folder, "/", from.image_path), from.lens));
-  PinholeCamera intrinsics = from.camera.intrinsics;
-  while (int64_t{loaded->luminance.width} * loaded->luminance.height > largest_pixels_) {
+  while (int64_t{image.luminance.width} * image.luminance.height > largest_pixels_) {
     // An odd last row or column is dropped, so the scale is exactly two.
-    loaded->luminance = Halved(loaded->luminance);
-    intrinsics = {loaded->luminance.width, loaded->luminance.height, intrinsics.fx / 2,
-                  intrinsics.fy / 2,       intrinsics.cx / 2,        intrinsics.cy / 2};
-    loaded->scale *= 2;
+    image.luminance = Halved(image.luminance);
+    image.scale *= 2;
   }
-  loaded->view.luminance = &loaded->luminance;
-  loaded->view.camera = from.camera;
-  loaded->view.camera.intrinsics = intrinsics;
-  return std::unique_ptr<const FitImage>(std::move(loaded));
+  return image;
 }
 
 Status FitImages::Require(const std::set<int>& views) {
-  std::erase_if(loaded_, [&](const auto& each) { return !views.contains(each.first); });
+  if (images_.size() + views.size() > kept_) {
+    std::erase_if(images_, [&](const auto& each) { return !views.contains(each.first); });
+  }
   std::vector<int> missing;
   for (const int view : views) {
-    if (!loaded_.contains(view)) missing.push_back(view);
+    if (!images_.contains(view)) missing.push_back(view);
   }
-  std::vector<StatusOr<std::unique_ptr<const FitImage>>> read(missing.size());
+  std::vector<StatusOr<Image>> read(missing.size());
   ParallelForEach(missing.size(), 1, [&](size_t i) { read[i] = Load(missing[i]); });
   for (size_t i = 0; i < missing.size(); ++i) {
-    TESSERA_ASSIGN_OR_RETURN(loaded_[missing[i]], std::move(read[i]));
+    TESSERA_ASSIGN_OR_RETURN(images_[missing[i]], std::move(read[i]));
   }
   return absl::OkStatus();
+}
+
+PatchView FitImages::At(const SceneDescription& scene, int view) const {
+  const Image& image = images_.at(view);
+  PatchView made{&image.luminance, scene.views[view].camera};
+  PinholeCamera& c = made.camera.intrinsics;
+  c = {image.luminance.width, image.luminance.height, c.fx / image.scale,
+       c.fy / image.scale,    c.cx / image.scale,     c.cy / image.scale};
+  return made;
+}
+
+std::vector<std::optional<PatchMatch>> MatchPoints(const PatchView& reference, const PatchView& other,
+                                                   const std::vector<SurfacePoint>& points, uint32_t seed) {
+  std::vector<std::optional<PatchMatch>> matches(points.size());
+  ParallelForEach(points.size(), 16, [&](size_t i) {
+    matches[i] = MatchPatch(reference, other, points[i], seed + static_cast<uint32_t>(i));
+  });
+  return matches;
 }
 
 }  // namespace tessera

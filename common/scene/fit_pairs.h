@@ -3,7 +3,7 @@
 
 #include <cstdint>
 #include <map>
-#include <memory>
+#include <optional>
 #include <set>
 #include <vector>
 
@@ -25,7 +25,7 @@ size_t FitPointsFor(const SceneDescription& scene);
 
 struct FitPair {
   int reference = 0, other = 0;
-  std::vector<uint32_t> points;  // seen by both
+  std::vector<SurfacePoint> points;  // seen by both
 };
 
 // About options.pairs pairs, by reference. A point is seen if `caster` meets nothing between it and a camera, farther
@@ -34,29 +34,31 @@ StatusOr<std::vector<FitPair>> FindFitPairs(const SceneDescription& scene, const
                                             const RayCaster& caster, double margin_m, const FitOptions& options,
                                             const TaskControl& control);
 
-struct FitImage {
-  FloatImage luminance;
-  PatchView view;    // of luminance
-  double scale = 1;  // pixels of the file per pixel of luminance: a power of two
-};
-
 // The images of the last pairs.
 class FitImages {
  public:
-  // Images are halved until they have at most `largest_pixels`. `scene` must outlive the object.
-  explicit FitImages(const SceneDescription& scene, int64_t largest_pixels = 12'000'000)
-      : scene_(scene), largest_pixels_(largest_pixels) {}
+  // Images are halved until they have at most `largest_pixels`. At most `kept` images stay beside those required last.
+  // `scene` must outlive the object.
+  explicit FitImages(const SceneDescription& scene, int64_t largest_pixels = 12'000'000, size_t kept = 0)
+      : scene_(scene), largest_pixels_(largest_pixels), kept_(kept) {}
 
-  // Reads missing ones at once, on all threads, and drops the others.
+  // Reads missing ones at once, on all threads.
   Status Require(const std::set<int>& views);
-  const FitImage& at(int view) const { return *loaded_.at(view); }
+  // A required image with the camera that the view has in `scene`: that of the constructor, or one with other cameras.
+  PatchView At(const SceneDescription& scene, int view) const;
+  double Scale(int view) const { return images_.at(view).scale; }  // pixels of the file per pixel of the image
 
  private:
-  StatusOr<std::unique_ptr<const FitImage>> Load(int view) const;
+  struct Image {
+    FloatImage luminance;
+    double scale = 1;  // a power of two
+  };
+  StatusOr<Image> Load(int view) const;
 
   const SceneDescription& scene_;
   const int64_t largest_pixels_;
-  std::map<int, std::unique_ptr<const FitImage>> loaded_;
+  const size_t kept_;
+  std::map<int, Image> images_;
 };
 
 // What the patches of a pair say.
@@ -86,6 +88,10 @@ Status ForEachFitPair(const std::vector<FitPair>& pairs, FitImages* images, cons
   }
   return absl::OkStatus();
 }
+
+// MatchPatch of each point that the views of a pair see.
+std::vector<std::optional<PatchMatch>> MatchPoints(const PatchView& reference, const PatchView& other,
+                                                   const std::vector<SurfacePoint>& points, uint32_t seed);
 
 // The ZNCC that 5 % of patches at random places exceed. 1 without patches.
 double ChanceLimit(const std::vector<FitMatches>& pairs);
