@@ -19,8 +19,8 @@ namespace {
 constexpr int kLeastPatches = 10;  // that a median is taken of
 // Of a pair with a misplaced view. The offset across the epipolar line is above the lower quartile of all pairs by this
 // many times the distance from there to the 5 % quantile: both are those of good pairs, as long as a third of the pairs
-// are good, and the distance is about a standard deviation. Less than the first bound costs no accuracy. Or the share of
-// patches above chance is below this share of that of good pairs.
+// are good, and the distance is about a standard deviation. Less than the first bound costs no accuracy. Or the share
+// of patches above chance is below this share of that of good pairs.
 constexpr double kMisplaced_px = 0.7, kMisplacedSpreads = 8, kMisplacedShare = 0.4;
 constexpr double kNoFitDeviations = 5;
 // Shifts of the mesh to the sides that are tried, for every n-th patch.

@@ -13,7 +13,7 @@ namespace {
 
 constexpr size_t kSurfacePoints = 20000, kPointsOfView = 100, kMostSurfacePoints = 500000;
 constexpr int kPointsOfAnchor = 600;
-constexpr size_t kLeastPoints = 20;                                         // of a pair
+constexpr size_t kLeastPoints = 20;                                      // of a pair
 constexpr double kNarrowestAngle_cos = 0.9985, kWidestAngle_cos = 0.76;  // 3 and 40 degrees
 
 class PairFinder {

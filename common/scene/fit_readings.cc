@@ -51,8 +51,8 @@ void EditPoses(SceneDescription* scene, const Edit& edit) {
   }
 }
 
-// A mesh that must be multiplied by `scale` and `axes`, an orthogonal matrix. The cameras get the inverse instead, since
-// all candidates share the mesh's points and rays.
+// A mesh that must be multiplied by `scale` and `axes`, an orthogonal matrix. The cameras get the inverse instead,
+// since all candidates share the mesh's points and rays.
 Candidate OfMesh(std::string fault, double scale, const Eigen::Matrix3d& axes) {
   return {std::move(fault), [scale, axes](SceneDescription* scene) {
             EditPoses(scene, [&](Eigen::Matrix3d* r, Eigen::Vector3d* t) {
@@ -76,7 +76,9 @@ Eigen::Matrix3d Axes(int x, int y, int z) {
 }
 
 std::string AxesFault(int x, int y, int z) {
-  const auto name = [](int axis) { return absl::StrCat(axis < 0 ? "-" : "", axis * axis == 1 ? "x" : axis * axis == 4 ? "y" : "z"); };
+  const auto name = [](int axis) {
+    return absl::StrCat(axis < 0 ? "-" : "", axis * axis == 1 ? "x" : axis * axis == 4 ? "y" : "z");
+  };
   const struct {
     int x, y, z;
     const char* meaning;
@@ -135,8 +137,7 @@ std::vector<Candidate> Candidates(const SceneDescription& scene) {
       all.push_back(OfMesh(AxesFault(x, y, z), 1, Axes(x, y, z)));
     }
   } while (std::next_permutation(order, order + 3));
-  all.push_back({"poses are camera-to-world: COLMAP stores world-to-camera; invert them",
-                 [](SceneDescription* edited) {
+  all.push_back({"poses are camera-to-world: COLMAP stores world-to-camera; invert them", [](SceneDescription* edited) {
                    EditPoses(edited, [](Eigen::Matrix3d* r, Eigen::Vector3d* t) {
                      *t = -r->transpose() * *t;
                      r->transposeInPlace();
@@ -150,20 +151,19 @@ std::vector<Candidate> Candidates(const SceneDescription& scene) {
                      *t = flip * *t;
                    });
                  }});
-  all.push_back(
-      {"quaternions are in the order x y z w: COLMAP's order is w x y z", [](SceneDescription* edited) {
-         EditPoses(edited, [](Eigen::Matrix3d* r, Eigen::Vector3d*) {
-           const Eigen::Quaterniond q(*r);
-           *r = Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()).normalized().toRotationMatrix();
-         });
-       }});
-  all.push_back({"the principal point is wrong: it fits if it is in the middle of the images",
-                 [](SceneDescription* edited) {
-                   for (SceneView& view : edited->views) {
-                     view.camera.intrinsics.cx = 0.5 * view.camera.intrinsics.width;
-                     view.camera.intrinsics.cy = 0.5 * view.camera.intrinsics.height;
-                   }
+  all.push_back({"quaternions are in the order x y z w: COLMAP's order is w x y z", [](SceneDescription* edited) {
+                   EditPoses(edited, [](Eigen::Matrix3d* r, Eigen::Vector3d*) {
+                     const Eigen::Quaterniond q(*r);
+                     *r = Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()).normalized().toRotationMatrix();
+                   });
                  }});
+  all.push_back(
+      {"the principal point is wrong: it fits if it is in the middle of the images", [](SceneDescription* edited) {
+         for (SceneView& view : edited->views) {
+           view.camera.intrinsics.cx = 0.5 * view.camera.intrinsics.width;
+           view.camera.intrinsics.cy = 0.5 * view.camera.intrinsics.height;
+         }
+       }});
   all.push_back(OfTurn("the photographs are turned by 180 degrees against the poses", -1, 0));
   const bool square = std::all_of(scene.views.begin(), scene.views.end(), [](const SceneView& view) {
     return view.camera.intrinsics.width == view.camera.intrinsics.height;
@@ -188,9 +188,8 @@ class Trials {
   }
 
   StatusOr<SceneFit> Fit(const SceneDescription& corrected, bool inwards, const TaskControl& control) {
-    TESSERA_ASSIGN_OR_RETURN(
-        const std::vector<FitPair> pairs,
-        FindFitPairs(corrected, inwards ? inward_points_ : points_, caster_, 0, kSmall, control));
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<FitPair> pairs,
+                             FindFitPairs(corrected, inwards ? inward_points_ : points_, caster_, 0, kSmall, control));
     std::vector<FitMatches> measured(pairs.size());
     TESSERA_RETURN_IF_ERROR(ForEachFitPair(pairs, &images_, control, [&](size_t p) {
       const FitPair& pair = pairs[p];
@@ -231,8 +230,8 @@ class Trials {
       std::vector<uint8_t> above(patches.size());
       ParallelForEach(patches.size(), 64, [&](size_t i) {
         const Patch& patch = patches[i];
-        above[i] = CorrelatePatch(patch.reference, patch.other,
-                                  {patch.point.position + shift_m, patch.point.normal}) > limit;
+        above[i] =
+            CorrelatePatch(patch.reference, patch.other, {patch.point.position + shift_m, patch.point.normal}) > limit;
       });
       return above;
     };

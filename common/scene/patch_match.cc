@@ -225,9 +225,9 @@ std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView
   const std::optional<WarpedPatch> made = WarpPatch(reference, other, point);
   if (!made) return std::nullopt;
   const auto& [centre, patch, warped, at, right, down] = *made;
-  std::array<float, kWide * kWideStride> wide = {};
+  std::array<float, kWide* kWideStride> wide = {};
   if (!warped.Sample<kReach>({0, 0}, kWideStride, wide.data())) return std::nullopt;
-  const std::array<float, kShifts * kShifts> score = Correlations(patch, wide.data());
+  const std::array<float, kShifts* kShifts> score = Correlations(patch, wide.data());
   int best = 0;
   for (int i = 0; i < kShifts * kShifts; ++i) {
     if (score[i] > score[best]) best = i;
