@@ -204,6 +204,7 @@ static void from_json(const json& j, ChangesParameters& p) {
 static void to_json(json& j, const PublishParameters& p) {
   j = {{"tiles", p.tiles}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
   if (!p.kept.empty()) j["kept"] = p.kept;
+  if (!p.fit.empty()) j["fit"] = p.fit;
   if (p.outdated) j["outdated"] = true;
   if (!p.quarantined.empty()) j["set_aside"] = p.quarantined;
   if (p.flip_edges) j["flip_edges"] = true;
@@ -213,6 +214,7 @@ static void from_json(const json& j, PublishParameters& p) {
   p.kept = j.value("kept", std::vector<int>());
   j.at("scene_name").get_to(p.scene_name);
   j.at("warnings").get_to(p.warnings);
+  p.fit = j.value("fit", std::string());
   p.outdated = j.value("outdated", false);
   p.quarantined = j.value("set_aside", std::vector<int>());
   p.flip_edges = j.value("flip_edges", false);

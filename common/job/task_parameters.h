@@ -165,6 +165,7 @@ struct PublishParameters {
   std::vector<int> kept = {};         // tiles that an update reuses from its base job, ascending
   std::string scene_name = {};        // for the report
   std::vector<std::string> warnings = {};
+  std::string fit = {};               // Survey::fit, for the report
   bool outdated = false;              // kOutdatedFile is among the inputs
   std::vector<int> quarantined = {};  // tiles whose refinement failed, ascending; they have their previous state
   bool flip_edges = false;            // flip edges where that makes creases straight

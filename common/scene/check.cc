@@ -158,14 +158,10 @@ class SceneChecker {
     control_.Report(0.85, "fit of images and mesh");
     TaskControl silent = control_;
     silent.report = {};
-    TESSERA_ASSIGN_OR_RETURN(SceneFit fit, MeasureFit(scene_, mesh, FitOptions(), silent));
-    Reading reading;
-    if (NeedsReading(fit, summary_.gsd_m)) {
-      TESSERA_ASSIGN_OR_RETURN(reading, FindReading(scene_, mesh, fit, summary_.gsd_m, silent));
-    }
-    faults_.Add(JudgeFit(scene_, fit, reading, summary_.gsd_m, &warnings_));
-    summary_.fit = std::move(fit);
-    return !reading.fault.empty();
+    TESSERA_ASSIGN_OR_RETURN(JudgedFit judged, tessera::CheckFit(scene_, mesh, summary_.gsd_m, silent, &warnings_));
+    faults_.Add(judged.fault);
+    summary_.fit = std::move(judged.fit);
+    return judged.has_reading;
   }
 
   void DescribeMesh(const TriangleMesh& mesh) {

@@ -246,16 +246,11 @@ SceneFit SumUpFit(const SceneDescription& scene, const std::vector<FitMatches>& 
   return fit;
 }
 
-StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const TriangleMesh& mesh, const FitOptions& options,
+StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const FitSurface& surface, const FitOptions& options,
                               const TaskControl& control) {
-  return MeasureFit(scene, mesh, mesh, 0, options, control);
-}
-
-StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const MeshSpans& mesh, const TriangleMesh& occluders,
-                              double margin_m, const FitOptions& options, const TaskControl& control) {
-  const std::vector<SurfacePoint> points = SpreadPoints(mesh, FitPointsFor(scene));
   TESSERA_ASSIGN_OR_RETURN(const std::vector<FitPair> pairs,
-                           FindFitPairs(scene, points, RayCaster(occluders), margin_m, options, control));
+                           FindFitPairs(scene, SpreadPoints(surface.mesh, FitPointsFor(scene)),
+                                        RayCaster(*surface.occluders), surface.margin_m, options, control));
   FitImages images(scene);
   std::vector<FitMatches> measured(pairs.size());
   std::vector<std::pair<float, TrialScores>> trials;

@@ -56,13 +56,22 @@ struct SceneFit {
 // chance, so the mesh is wrong at most places. Good start meshes, down to block models, have 60 to 95 %.
 inline constexpr double kBadFit = 0.4;
 
-// Reads the images of the chosen pairs. `mesh`: repaired, local frame. `occluders`: what hides the points of the mesh,
-// if it is another mesh; its surface is at most `margin_m` from that of `mesh`. The result does not depend on the
-// number of threads. Without a pair of images that see the same surface, all.pairs is 0. Errors: those of reading
-// images, and CANCELLED by `control`.
-StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const TriangleMesh& mesh, const FitOptions& options,
+// The surface that is measured: repaired, local frame. What it refers to must outlive it.
+struct FitSurface {
+  FitSurface(const TriangleMesh& all) : mesh(all), occluders(&all) {}
+  // `hides`: what hides points of a mesh that is too large for it; its surface is at most `error_m` from that of
+  // `large`.
+  FitSurface(const MeshSpans& large, const TriangleMesh& hides, double error_m)
+      : mesh(large), occluders(&hides), margin_m(error_m) {}
+
+  MeshSpans mesh;
+  const TriangleMesh* occluders;
+  double margin_m = 0;
+};
+
+// Reads the images of the chosen pairs. The result does not depend on the number of threads. Without a pair of images
+// that see the same surface, all.pairs is 0. Errors: those of reading images, and CANCELLED by `control`.
+StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const FitSurface& surface, const FitOptions& options,
                               const TaskControl& control);
-StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const MeshSpans& mesh, const TriangleMesh& occluders,
-                              double margin_m, const FitOptions& options, const TaskControl& control);
 
 }  // namespace tessera

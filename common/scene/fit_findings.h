@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/base/task_control.h"
 #include "common/scene/fit.h"
 #include "common/scene/fit_readings.h"
 #include "common/scene/tie_points.h"
@@ -19,6 +20,16 @@ bool NeedsReading(const SceneFit& fit, double gsd_m);
 // warnings about misplaced views, poses, focal lengths, a shifted mesh and a bad fit.
 Status JudgeFit(const SceneDescription& scene, const SceneFit& fit, const Reading& reading, double gsd_m,
                 Warnings* warnings);
+
+struct JudgedFit {
+  SceneFit fit;
+  Status fault;              // of JudgeFit
+  bool has_reading = false;  // that explains what is wrong
+};
+
+// MeasureFit, FindReading if needed, and JudgeFit. `gsd_m`: 0 if no camera sees the mesh.
+StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m,
+                             const TaskControl& control, Warnings* warnings);
 
 // The fit by camera and by image.
 struct FitTable {

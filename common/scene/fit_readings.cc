@@ -178,18 +178,20 @@ std::vector<Candidate> Candidates(const SceneDescription& scene) {
 // A mesh whose correlations are measured again and again.
 class Trials {
  public:
-  Trials(const SceneDescription& scene, const TriangleMesh& mesh)
+  Trials(const SceneDescription& scene, const FitSurface& surface)
       : scene_(scene),
-        caster_(mesh),
-        points_(SpreadPoints(mesh, FitPointsFor(scene))),
+        caster_(*surface.occluders),
+        margin_m_(surface.margin_m),
+        points_(SpreadPoints(surface.mesh, FitPointsFor(scene))),
         inward_points_(points_),
         images_(scene, kSmallImage, kKeptImages) {
     for (SurfacePoint& point : inward_points_) point.normal = -point.normal;
   }
 
   StatusOr<SceneFit> Fit(const SceneDescription& corrected, bool inwards, const TaskControl& control) {
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<FitPair> pairs,
-                             FindFitPairs(corrected, inwards ? inward_points_ : points_, caster_, 0, kSmall, control));
+    TESSERA_ASSIGN_OR_RETURN(
+        const std::vector<FitPair> pairs,
+        FindFitPairs(corrected, inwards ? inward_points_ : points_, caster_, margin_m_, kSmall, control));
     std::vector<FitMatches> measured(pairs.size());
     TESSERA_RETURN_IF_ERROR(ForEachFitPair(pairs, &images_, control, [&](size_t p) {
       const FitPair& pair = pairs[p];
@@ -207,7 +209,7 @@ class Trials {
   // one that is too large to match in place.
   Status FindShift(double gsd_m, bool far, const TaskControl& control, Reading* reading) {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<FitPair> pairs,
-                             FindFitPairs(scene_, points_, caster_, 0, kOfShift, control));
+                             FindFitPairs(scene_, points_, caster_, margin_m_, kOfShift, control));
     if (pairs.empty()) return absl::OkStatus();
     std::set<int> views;
     for (const FitPair& pair : pairs) views.insert({pair.reference, pair.other});
@@ -286,6 +288,7 @@ class Trials {
 
   const SceneDescription& scene_;
   const RayCaster caster_;
+  const double margin_m_;
   const std::vector<SurfacePoint> points_;
   std::vector<SurfacePoint> inward_points_;
   FitImages images_;
@@ -293,9 +296,9 @@ class Trials {
 
 }  // namespace
 
-StatusOr<Reading> FindReading(const SceneDescription& scene, const TriangleMesh& mesh, const SceneFit& fit,
+StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
                               double gsd_m, const TaskControl& control) {
-  Trials trials(scene, mesh);
+  Trials trials(scene, surface);
   Reading best;
   const double least = std::max(2 * fit.all.above_chance, kBadFit);
   const bool fits = 2 * fit.all.above_chance > 1;  // nothing is twice as good

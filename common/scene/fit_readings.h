@@ -6,7 +6,6 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "common/geometry/mesh.h"
 #include "common/scene/fit.h"
 #include "common/scene/scene.h"
 
@@ -24,7 +23,7 @@ struct Reading {
 // unit or other axes of the mesh, its faces oriented inwards, an offset of the mesh, poses that are camera-to-world, of
 // OpenGL, or with quaternions in another order, a principal point that is missing, photographs that are turned. `gsd_m`
 // may be 0 if no camera sees the mesh. Costs about as much as a MeasureFit of each image of a large scene.
-StatusOr<Reading> FindReading(const SceneDescription& scene, const TriangleMesh& mesh, const SceneFit& fit,
+StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
                               double gsd_m, const TaskControl& control);
 
 }  // namespace tessera

@@ -241,6 +241,7 @@ class Graph {
     PublishParameters parameters;
     parameters.scene_name = survey_.scene_name;
     parameters.warnings = survey_.warnings;
+    parameters.fit = survey_.fit;
     PlannedTask task;
     task.kind = task.name = kPublishKind;
     SetCost(PredictPublish(survey_), &task);
