@@ -89,9 +89,10 @@ Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const
   TESSERA_ASSIGN_OR_RETURN(const CoarseMesh coarse, CoarsenMesh(mesh.spans(), kCoverageClusters, scratch_folder));
   TESSERA_ASSIGN_OR_RETURN(const Coverage coverage, MeasureCoverage(scene, coarse.mesh, 1, control));
   if (faults.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(
-        const JudgedFit judged,
-        CheckFit(scene, {mesh.spans(), coarse.mesh, coarse.error_m}, gsd_m, PartOf(control, 0, 0), warnings));
+    TaskControl silent = control;
+    silent.report = {};
+    TESSERA_ASSIGN_OR_RETURN(const JudgedFit judged,
+                             CheckFit(scene, {mesh.spans(), coarse.mesh, coarse.error_m}, gsd_m, silent, warnings));
     faults.Add(judged.fault);
     *fit = FitTableToJson(MakeFitTable(scene, judged.fit, nullptr), kReportedImages);
     if (judged.has_reading) return faults.ToStatus();
@@ -147,8 +148,8 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
     return InputError(scene.mesh_path, "", "only degenerate faces", "at least one face with an area");
   if (survey.input_faces > kMaxFacesInMemory) {
     outcome.warnings.insert(outcome.warnings.end(), of_large_mesh.begin(), of_large_mesh.end());
-    TESSERA_RETURN_IF_ERROR(CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, control, &outcome.warnings,
-                                           &survey.fit));
+    TESSERA_RETURN_IF_ERROR(
+        CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, control, &outcome.warnings, &survey.fit));
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
 
