@@ -221,6 +221,7 @@ static void from_json(const json& j, Survey& s) {
   s.classifier = j.value("classifier", std::string());
   s.borders = BordersFromArray(j.at("borders"), static_cast<int>(s.classes.size()));
   s.has_labels = j.at("has_labels");
+  s.fit = j.value("fit", std::string());
   s.crs = j.at("crs");
   s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));
   s.rotation_local_from_scene = MatrixFromJson(j.at("rotation_local_from_scene"));
@@ -261,6 +262,7 @@ Survey WithoutNames(Survey survey) {
   survey.label_property.reset();
   survey.flights.clear();
   survey.warnings.clear();
+  survey.fit.clear();
   survey.revision.reset();
   for (size_t v = 0; v < survey.views.size(); ++v) {
     SceneView& view = survey.views[v];
@@ -307,6 +309,7 @@ std::string SurveyToJson(const Survey& s) {
               {"faces", s.faces},
               {"warnings", s.warnings}};
   if (!s.classifier.empty()) out["classifier"] = s.classifier;
+  if (!s.fit.empty()) out["fit"] = s.fit;
   if (s.label_property) out["label_property"] = *s.label_property;
   return out.dump();
 }

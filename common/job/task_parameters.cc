@@ -205,6 +205,7 @@ static void to_json(json& j, const PublishParameters& p) {
   j = {{"tiles", p.tiles}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
   if (!p.view_names.empty()) j["view_names"] = p.view_names;
   if (!p.kept.empty()) j["kept"] = p.kept;
+  if (!p.fit.empty()) j["fit"] = p.fit;
   if (p.outdated) j["outdated"] = true;
   if (!p.quarantined.empty()) j["set_aside"] = p.quarantined;
   if (p.flip_edges) j["flip_edges"] = true;
@@ -215,6 +216,7 @@ static void from_json(const json& j, PublishParameters& p) {
   j.at("scene_name").get_to(p.scene_name);
   j.at("warnings").get_to(p.warnings);
   p.view_names = j.value("view_names", std::vector<std::string>());
+  p.fit = j.value("fit", std::string());
   p.outdated = j.value("outdated", false);
   p.quarantined = j.value("set_aside", std::vector<int>());
   p.flip_edges = j.value("flip_edges", false);

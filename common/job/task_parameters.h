@@ -166,6 +166,7 @@ struct PublishParameters {
   std::string scene_name = {};        // for the report, like the next two
   std::vector<std::string> view_names = {};  // of the survey's views; empty if they are too long
   std::vector<std::string> warnings = {};
+  std::string fit = {};               // Survey::fit, for the report
   bool outdated = false;              // kOutdatedFile is among the inputs
   std::vector<int> quarantined = {};  // tiles whose refinement failed, ascending; they have their previous state
   bool flip_edges = false;            // flip edges where that makes creases straight

@@ -8,17 +8,17 @@
 #include <map>
 #include <mutex>
 #include <numbers>
-#include <unordered_map>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/base/parallel.h"
+#include "common/colmap/colmap.h"
 #include "common/geometry/repair.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
-#include "common/colmap/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
+#include "common/scene/tie_points.h"
 #include "common/storage/hash.h"
 
 namespace tessera {
@@ -42,12 +42,6 @@ std::string CrsText(const Crs& crs) {
   return "";
 }
 
-double Median(std::vector<double>* values) {
-  const auto middle = values->begin() + values->size() / 2;
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
-}
-
 class SceneChecker {
  public:
   SceneChecker(const SceneDescription& scene, int64_t max_mesh_faces, Warnings* warnings, Faults* faults,
@@ -61,8 +55,11 @@ class SceneChecker {
     control_.Report(0.7, "mesh");
     TESSERA_RETURN_IF_ERROR(CheckMeshAndVisibility());
     control_.Report(0.95, "points");
-    CheckReprojection();
+    CheckTiePoints();
     TESSERA_RETURN_IF_ERROR(control_.Check());
+    if (summary_.fit) {
+      summary_.fit_table = MakeFitTable(scene_, *summary_.fit, summary_.tie_points ? &*summary_.tie_points : nullptr);
+    }
     control_.Report(1, "done");
     return summary_;
   }
@@ -128,7 +125,7 @@ class SceneChecker {
     }
     const TriangleMesh& mesh = *loaded;
     DescribeMesh(mesh);
-    const StatusOr<RepairedMesh> repaired = RepairMesh(mesh, &warnings_);
+    StatusOr<RepairedMesh> repaired = RepairMesh(mesh, &warnings_);
     if (!repaired.ok()) {
       faults_.Add(absl::InvalidArgumentError(absl::StrCat(path, ": ", std::string(repaired.status().message()))));
       return absl::OkStatus();
@@ -146,30 +143,25 @@ class SceneChecker {
     control_.Report(0.75, "visibility");
     TESSERA_ASSIGN_OR_RETURN(const Coverage coverage,
                              MeasureCoverage(scene_, repaired->mesh, kMaxSampledFaces, control_));
-    TESSERA_RETURN_IF_ERROR(CheckFit(repaired->mesh));
-    for (size_t i = 0; i < coverage.views.size(); ++i) {
-      faults_.Add(ViewVisibilityError(path, scene_.views[i], coverage.views[i]));
-    }
+    TESSERA_ASSIGN_OR_RETURN(const bool has_reading, CheckFit(repaired->mesh));
+    if (!has_reading) AddVisibilityFaults(scene_, coverage, &faults_);  // else they follow from the reading
     summary_.faces_tried = coverage.faces_tried;
     summary_.unseen_share = static_cast<double>(coverage.unseen) / static_cast<double>(coverage.faces_tried);
     summary_.under_three_share = static_cast<double>(coverage.under_three) / static_cast<double>(coverage.faces_tried);
+    mesh_ = std::move(repaired->mesh);
     return absl::OkStatus();
   }
 
-  // Whether images, poses and mesh belong together; if not, what would make them.
-  Status CheckFit(const TriangleMesh& mesh) {
-    if (!faults_.messages().empty()) return absl::OkStatus();
+  // Whether images, poses and mesh belong together; if not, what would make them. True if a reading explains it.
+  StatusOr<bool> CheckFit(const TriangleMesh& mesh) {
+    if (!faults_.messages().empty()) return false;
     control_.Report(0.85, "fit of images and mesh");
     TaskControl silent = control_;
     silent.report = {};
-    TESSERA_ASSIGN_OR_RETURN(SceneFit fit, MeasureFit(scene_, mesh, FitOptions(), silent));
-    Reading reading;
-    if (NeedsReading(fit, summary_.gsd_m)) {
-      TESSERA_ASSIGN_OR_RETURN(reading, FindReading(scene_, mesh, fit, silent));
-    }
-    faults_.Add(JudgeFit(scene_, fit, reading, summary_.gsd_m, &warnings_));
-    summary_.fit = std::move(fit);
-    return absl::OkStatus();
+    TESSERA_ASSIGN_OR_RETURN(JudgedFit judged, tessera::CheckFit(scene_, mesh, summary_.gsd_m, silent, &warnings_));
+    faults_.Add(judged.fault);
+    summary_.fit = std::move(judged.fit);
+    return judged.has_reading;
   }
 
   void DescribeMesh(const TriangleMesh& mesh) {
@@ -212,9 +204,8 @@ class SceneChecker {
     }
   }
 
-  // Measures the reprojection error of the model's image points, and the share of its 3D points that project into the
-  // images of their tracks.
-  void CheckReprojection() {
+  // Compares the model's 3D points with its images and with the mesh.
+  void CheckTiePoints() {
     if (scene_.views.empty()) return;
     const std::string folder = absl::StrCat(scene_.folder, "/", scene_.cameras_folder);
     Faults faults;
@@ -226,79 +217,12 @@ class SceneChecker {
       }
     }
     if (model.points.empty()) return;
-    std::unordered_map<uint64_t, const TiePoint*> points;
-    for (const TiePoint& point : model.points) points.emplace(point.id, &point);
-    std::unordered_map<uint32_t, const CalibratedImage*> images;
-    SceneSummary::Reprojection result;
-    std::vector<double> errors_px;
-    int64_t dangling = 0, inside = 0;
-    const auto project = [&](const CalibratedImage& image, const Eigen::Vector3d& p) {
-      const LensModel& lens = model.cameras.at(image.camera_id);
-      const PosedCamera camera{lens.pinhole, image.rotation_cam_from_world, image.translation_cam_from_world};
-      const Eigen::Vector3d q = camera.Project(p);
-      const Eigen::Vector2d distorted = lens.Distort(q.head<2>());
-      return Eigen::Vector3d(distorted.x(), distorted.y(), q.z());
-    };
-    for (const CalibratedImage& image : model.images) {
-      images.emplace(image.id, &image);
-      for (const ImageObservation& observation : image.observations) {
-        const auto it = points.find(observation.point_id);
-        if (it == points.end()) {
-          ++dangling;
-          continue;
-        }
-        const Eigen::Vector3d q = project(image, it->second->position);
-        errors_px.push_back(q.z() > 0 ? (q.head<2>() - observation.position_px).norm() : 1e9);
-      }
-    }
-    for (const TiePoint& point : model.points) {
-      for (const uint32_t image_id : point.image_ids) {
-        const auto it = images.find(image_id);
-        if (it == images.end()) {
-          ++dangling;
-          continue;
-        }
-        ++result.track_entries;
-        const PinholeCamera& camera = model.cameras.at(it->second->camera_id).pinhole;
-        const Eigen::Vector3d q = project(*it->second, point.position);
-        PosedCamera camera_alone;
-        camera_alone.intrinsics = camera;
-        inside += camera_alone.InImage(q);
-      }
-    }
-    if (dangling > 0 && faults.empty()) {  // else they may refer to what could not be read
-      warnings_.push_back(absl::StrCat(folder, ": ", dangling, " references to images or 3D points that do not exist"));
-    }
-    result.observations = static_cast<int64_t>(errors_px.size());
-    if (!errors_px.empty()) result.median_px = Median(&errors_px);
-    if (result.track_entries > 0) {
-      result.inside_share = static_cast<double>(inside) / static_cast<double>(result.track_entries);
-    }
-    ReportReprojection(folder, result);
-    summary_.reprojection = result;
-  }
-
-  void ReportReprojection(const std::string& folder, const SceneSummary::Reprojection& result) {
-    constexpr double kWarning_px = 3, kError_px = 50, kWarningShare = 0.95, kErrorShare = 0.5;
-    if (result.observations > 0 && result.median_px > kWarning_px) {
-      const std::string found = absl::StrFormat("a median reprojection error of %.1f px", result.median_px);
-      if (result.median_px > kError_px) {
-        faults_.Add(InputError(folder, "", found,
-                               absl::StrCat("cameras that fit their 3D points: at most ", kError_px, " px")));
-      } else {
-        warnings_.push_back(absl::StrCat(folder, ": ", found, ": check the camera poses"));
-      }
-    }
-    if (result.track_entries > 0 && result.inside_share < kWarningShare) {
-      const std::string found =
-          absl::StrFormat("%.1f %% of the 3D points inside the images of their tracks", 100 * result.inside_share);
-      if (result.inside_share < kErrorShare) {
-        faults_.Add(InputError(folder, "", found,
-                               absl::StrCat("cameras that fit their 3D points: at least ", 100 * kErrorShare, " %")));
-      } else {
-        warnings_.push_back(absl::StrCat(folder, ": ", found, ": check the camera poses"));
-      }
-    }
+    TiePointFigures figures = MeasureTiePoints(model);
+    if (!mesh_.faces.empty()) MeasurePointDistances(model, scene_, mesh_, &figures);
+    const bool fits = summary_.fit && summary_.fit->all.above_chance >= kBadFit;
+    // References to what could not be read may be missing.
+    JudgeTiePoints(scene_, figures, {fits, faults.empty(), summary_.gsd_m}, &faults_, &warnings_);
+    summary_.tie_points = std::move(figures);
   }
 
   const SceneDescription& scene_;
@@ -307,6 +231,7 @@ class SceneChecker {
   Faults& faults_;
   const TaskControl& control_;
   SceneSummary summary_;
+  TriangleMesh mesh_;  // repaired; empty if it cannot be read or is streamed
 };
 
 }  // namespace
@@ -333,21 +258,6 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
   }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return content;
-}
-
-Status ViewVisibilityError(const std::string& mesh_path, const SceneView& view, ViewVisibility visibility) {
-  const std::string image = absl::StrCat("image '", view.name, "'");
-  switch (visibility) {
-    case ViewVisibility::kGood:
-      return absl::OkStatus();
-    case ViewVisibility::kNothing:
-      return InputError(mesh_path, image, "no face in front of its camera and inside the image",
-                        "a camera that sees the mesh: check its pose");
-    case ViewVisibility::kBehindMesh:
-      return InputError(mesh_path, image, "mostly backs of faces: its camera is behind the mesh",
-                        "a camera that sees the front of the mesh: check its pose and the orientation of faces");
-  }
-  return absl::OkStatus();
 }
 
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {

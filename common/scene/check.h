@@ -11,7 +11,9 @@
 #include "common/imaging/border_trust.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit.h"
+#include "common/scene/fit_findings.h"
 #include "common/scene/scene.h"
+#include "common/scene/tie_points.h"
 
 namespace tessera {
 
@@ -39,12 +41,6 @@ struct SceneSummary {
     int64_t faces = 0;
     double area_share = 0;
   };
-  struct Reprojection {
-    int64_t observations = 0;   // image points with a 3D point
-    double median_px = 0;       // median reprojection error of the image points
-    int64_t track_entries = 0;  // (3D point, image) pairs of the tracks
-    double inside_share = 0;    // share of the pairs whose 3D point projects into the image
-  };
 
   std::string name;
   std::string crs;                         // for display
@@ -66,8 +62,9 @@ struct SceneSummary {
   // view sees a face if its front faces the camera and its centroid is not occluded.
   int64_t faces_tried = 0;
   double unseen_share = 0, under_three_share = 0;
-  std::optional<Reprojection> reprojection;  // none if the model has no 3D points
-  std::optional<SceneFit> fit;               // none if a file is missing or cannot be read
+  std::optional<TiePointFigures> tie_points;  // none if the model has no 3D points
+  std::optional<SceneFit> fit;                // none if a file is missing or cannot be read
+  FitTable fit_table;                         // of `fit`
 };
 
 // Loads the scene (LoadScene) and reads all its files. INVALID_ARGUMENT lists all errors, one per line, each with its
@@ -79,9 +76,6 @@ StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warni
 // The same with load options. A mesh of more than `max_mesh_faces` triangles is not loaded; the caller streams it.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
                                         Warnings* warnings, const TaskControl& control);
-
-// INVALID_ARGUMENT for a view that sees no face, or mostly backs of faces, of the mesh at `mesh_path`.
-Status ViewVisibilityError(const std::string& mesh_path, const SceneView& view, ViewVisibility visibility);
 
 // INVALID_ARGUMENT if 32-bit floats round coordinates of size `largest_m` by more than gsd_m / 100.
 Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double gsd_m);

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 
+#include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
 #include "common/geometry/ray_caster.h"
 
@@ -77,6 +78,30 @@ StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const Triangle
   coverage.unseen = unseen;
   coverage.under_three = under_three;
   return coverage;
+}
+
+void AddVisibilityFaults(const SceneDescription& scene, const Coverage& coverage, Faults* faults) {
+  constexpr double kAlmostAll = 0.9;
+  const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
+  const auto behind = std::count(coverage.views.begin(), coverage.views.end(), ViewVisibility::kBehindMesh);
+  const bool inwards =
+      behind > 1 && static_cast<double>(behind) > kAlmostAll * static_cast<double>(coverage.views.size());
+  if (inwards) {
+    faults->Add(InputError(
+        path, "", absl::StrCat("faces whose backs are seen by ", behind, " of ", coverage.views.size(), " images"),
+        "faces whose corners are counter-clockwise seen from outside: turn the mesh's faces, which "
+        "are oriented inwards, or check its up axis and the poses"));
+  }
+  for (size_t i = 0; i < coverage.views.size(); ++i) {
+    const std::string image = absl::StrCat("image '", scene.views[i].name, "'");
+    if (coverage.views[i] == ViewVisibility::kNothing) {
+      faults->Add(InputError(path, image, "no face in front of its camera and inside the image",
+                             "a camera that sees the mesh: check its pose"));
+    } else if (coverage.views[i] == ViewVisibility::kBehindMesh && !inwards) {
+      faults->Add(InputError(path, image, "mostly backs of faces: its camera is behind the mesh",
+                             "a camera that sees the front of the mesh: check its pose and the orientation of faces"));
+    }
+  }
 }
 
 }  // namespace tessera

@@ -25,4 +25,8 @@ struct Coverage {
 StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const TriangleMesh& mesh, int64_t largest_sample,
                                    const TaskControl& control);
 
+// Adds an error for each view that sees no face, or mostly backs of faces, of the scene's mesh. If almost all views see
+// backs, one error for all.
+void AddVisibilityFaults(const SceneDescription& scene, const Coverage& coverage, Faults* faults);
+
 }  // namespace tessera

@@ -4,219 +4,35 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <map>
-#include <memory>
-#include <numeric>
+#include <optional>
 #include <set>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
 #include "common/geometry/ray_caster.h"
-#include "common/imaging/image_io.h"
+#include "common/scene/fit_pairs.h"
 #include "common/scene/patch_match.h"
 
 namespace tessera {
 namespace {
 
-constexpr int kSurfacePoints = 20000, kPointsOfAnchor = 600;
-constexpr int kLargestPixels = 12'000'000;  // larger images are halved until they have fewer pixels
-constexpr int kLeastPatches = 10;           // that a median is taken of
-// Of a pair with a misplaced view: offset across the epipolar lines, its ratio to that of good pairs, and the share of
-// patches above chance beside that of good pairs.
-constexpr double kMisplaced_px = 0.7, kMisplacedRatio = 4, kMisplacedShare = 0.4;
-constexpr double kNarrowestAngle_cos = 0.9985, kWidestAngle_cos = 0.76;  // 3 and 40 degrees
+constexpr int kLeastPatches = 10;  // that a median is taken of
+// Of a pair with a misplaced view. The offset across the epipolar line is above the lower quartile of all pairs by this
+// many times the distance from there to the 5 % quantile: both are those of good pairs, as long as a third of the pairs
+// are good, and the distance is about a standard deviation. Less than the first bound costs no accuracy. Or the share
+// of patches above chance is below this share of that of good pairs.
+constexpr double kMisplaced_px = 0.7, kMisplacedSpreads = 8, kMisplacedShare = 0.4;
+constexpr double kNoFitDeviations = 5;
+// Shifts of the mesh to the sides that are tried, for every n-th patch.
+constexpr double kTrialShifts_m[] = {2, 5};
+constexpr int kTrialDirections = 4, kTrials = 2 * kTrialDirections;
+constexpr size_t kPatchesOfTrial = 3;
 
 double Median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
 }
-
-// Points spread evenly over the area of the mesh, in the order of its faces.
-std::vector<SurfacePoint> SpreadPoints(const TriangleMesh& mesh) {
-  double area = 0;
-  for (size_t f = 0; f < mesh.faces.size(); ++f) area += FaceArea(mesh, f);
-  std::vector<SurfacePoint> points;
-  const double spacing = area / kSurfacePoints;
-  if (!(spacing > 0) || !std::isfinite(spacing)) return points;
-  double next = spacing / 2, passed = 0;
-  uint32_t state = 1;
-  const auto random = [&state] { return ((state = state * 1664525u + 1013904223u) >> 8) / double{1 << 24}; };
-  for (size_t f = 0; f < mesh.faces.size(); ++f) {
-    passed += FaceArea(mesh, f);
-    for (; next < passed; next += spacing) {
-      double u = random(), v = random();
-      if (u + v > 1) u = 1 - u, v = 1 - v;
-      const Eigen::Vector3d a = mesh.Corner(f, 0), b = mesh.Corner(f, 1), c = mesh.Corner(f, 2);
-      points.push_back({a + u * (b - a) + v * (c - a), (b - a).cross(c - a).normalized()});
-    }
-  }
-  return points;
-}
-
-struct Pair {
-  int reference = 0, other = 0;
-  std::vector<uint32_t> points;  // seen by both
-};
-
-class PairFinder {
- public:
-  PairFinder(const SceneDescription& scene, const TriangleMesh& mesh)
-      : scene_(scene), caster_(mesh), points_(SpreadPoints(mesh)) {}
-
-  const std::vector<SurfacePoint>& points() const { return points_; }
-
-  // About options.pairs pairs, by reference.
-  StatusOr<std::vector<Pair>> Find(const FitOptions& options, const TaskControl& control) const {
-    std::vector<int> usable;
-    for (size_t v = 0; v < scene_.views.size(); ++v) {
-      if (!scene_.views[v].image_path.empty() && !scene_.views[v].withdrawn) usable.push_back(static_cast<int>(v));
-    }
-    if (usable.size() < 2) return std::vector<Pair>();
-    const int anchors = std::min<int>(static_cast<int>(usable.size()), std::max(1, options.pairs / 2));
-    const int partners = std::min<int>((options.pairs + anchors - 1) / anchors, 6);
-    std::vector<std::vector<Pair>> found(anchors);
-    ParallelForEach(anchors, 1, [&](int i) {
-      if (!control.Check().ok()) return;
-      const size_t at = static_cast<size_t>(i) * usable.size() / anchors;
-      found[i] = PairsOf(usable[at], usable, partners, options.patches);
-    });
-    TESSERA_RETURN_IF_ERROR(control.Check());
-    std::vector<Pair> pairs;
-    for (std::vector<Pair>& of_anchor : found) {
-      for (Pair& pair : of_anchor) pairs.push_back(std::move(pair));
-    }
-    return pairs;
-  }
-
- private:
-  bool InFront(int view, const SurfacePoint& p) const {
-    const PosedCamera& camera = scene_.views[view].camera;
-    const Eigen::Vector3d projected = camera.Project(p.position), ray = p.position - camera.Centre();
-    return camera.InImage(projected) && p.normal.dot(ray) < -0.2 * ray.norm();
-  }
-  bool Sees(int view, const SurfacePoint& p) const {
-    if (!InFront(view, p)) return false;
-    const Eigen::Vector3d centre = scene_.views[view].camera.Centre();
-    return !caster_.Occluded(centre, p.position, 1e-3 * (p.position - centre).norm());
-  }
-
-  std::vector<Pair> PairsOf(int reference, const std::vector<int>& usable, int partners, int patches) const {
-    std::vector<uint32_t> seen;
-    for (uint32_t i = 0; i < points_.size(); ++i) {
-      if (InFront(reference, points_[i])) seen.push_back(i);
-    }
-    seen = Thinned(seen, 2 * kPointsOfAnchor);
-    std::erase_if(seen, [&](uint32_t i) { return !Sees(reference, points_[i]); });
-    seen = Thinned(seen, kPointsOfAnchor);
-    const Eigen::Vector3d centre = scene_.views[reference].camera.Centre();
-    // Partners by the number of points that they see under a useful angle, different directions first.
-    std::vector<std::pair<int, int>> scores;  // -points, view
-    for (const int view : usable) {
-      if (view == reference) continue;
-      const Eigen::Vector3d other = scene_.views[view].camera.Centre();
-      int count = 0;
-      for (const uint32_t i : seen) {
-        const Eigen::Vector3d& p = points_[i].position;
-        const double cosine = (centre - p).normalized().dot((other - p).normalized());
-        count += cosine < kNarrowestAngle_cos && cosine > kWidestAngle_cos && InFront(view, points_[i]);
-      }
-      if (count >= 2 * kLeastPatches) scores.push_back({-count, view});
-    }
-    std::sort(scores.begin(), scores.end());
-    std::vector<Pair> pairs;
-    for (const auto& [score, view] : scores) {
-      if (static_cast<int>(pairs.size()) == partners) break;
-      Pair pair{reference, view, {}};
-      for (const uint32_t i : seen) {
-        if (Sees(view, points_[i])) pair.points.push_back(i);
-      }
-      if (pair.points.size() < 2 * kLeastPatches) continue;
-      pair.points = Thinned(pair.points, patches);
-      pairs.push_back(std::move(pair));
-    }
-    return pairs;
-  }
-
-  static std::vector<uint32_t> Thinned(const std::vector<uint32_t>& items, size_t count) {
-    if (items.size() <= count) return items;
-    std::vector<uint32_t> kept(count);
-    for (size_t i = 0; i < count; ++i) kept[i] = items[i * items.size() / count];
-    return kept;
-  }
-
-  const SceneDescription& scene_;
-  const RayCaster caster_;
-  const std::vector<SurfacePoint> points_;
-};
-
-FloatImage Halved(const FloatImage& image) {
-  FloatImage half(image.width / 2, image.height / 2);
-  for (int y = 0; y < half.height; ++y) {
-    for (int x = 0; x < half.width; ++x) {
-      half.at(x, y) = 0.25f * (image.at(2 * x, 2 * y) + image.at(2 * x + 1, 2 * y) + image.at(2 * x, 2 * y + 1) +
-                               image.at(2 * x + 1, 2 * y + 1));
-    }
-  }
-  return half;
-}
-
-struct LoadedView {
-  FloatImage luminance;
-  PatchView view;
-  double scale = 1;  // pixels of the file per pixel of luminance
-};
-
-StatusOr<std::shared_ptr<const LoadedView>> Load(const SceneDescription& scene, int view) {
-  const SceneView& from = scene.views[view];
-  auto loaded = std::make_shared<LoadedView>();
-  TESSERA_ASSIGN_OR_RETURN(loaded->luminance,
-                           ReadLuminance(absl::StrCat(scene.folder, "/", from.image_path), from.lens));
-  PinholeCamera intrinsics = from.camera.intrinsics;
-  while (int64_t{loaded->luminance.width} * loaded->luminance.height > kLargestPixels) {
-    // An odd last row or column is dropped, so the scale is exactly two.
-    loaded->luminance = Halved(loaded->luminance);
-    intrinsics = {loaded->luminance.width, loaded->luminance.height, intrinsics.fx / 2,
-                  intrinsics.fy / 2,       intrinsics.cx / 2,        intrinsics.cy / 2};
-    loaded->scale *= 2;
-  }
-  loaded->view.luminance = &loaded->luminance;
-  loaded->view.camera = from.camera;
-  loaded->view.camera.intrinsics = intrinsics;
-  return std::shared_ptr<const LoadedView>(loaded);
-}
-
-// The images of the last pairs. Reads missing ones at once, on all threads.
-class ImageCache {
- public:
-  explicit ImageCache(const SceneDescription& scene) : scene_(scene) {}
-
-  Status Require(const std::set<int>& views) {
-    std::erase_if(loaded_, [&](const auto& each) { return !views.contains(each.first); });
-    std::vector<int> missing;
-    for (const int view : views) {
-      if (!loaded_.contains(view)) missing.push_back(view);
-    }
-    std::vector<StatusOr<std::shared_ptr<const LoadedView>>> read(missing.size(), absl::UnknownError("not read"));
-    ParallelForEach(missing.size(), 1, [&](size_t i) { read[i] = Load(scene_, missing[i]); });
-    for (size_t i = 0; i < missing.size(); ++i) {
-      TESSERA_ASSIGN_OR_RETURN(loaded_[missing[i]], std::move(read[i]));
-    }
-    return absl::OkStatus();
-  }
-  const LoadedView& at(int view) const { return *loaded_.at(view); }
-
- private:
-  const SceneDescription& scene_;
-  std::map<int, std::shared_ptr<const LoadedView>> loaded_;
-};
-
-struct Measured {
-  int reference = 0, other = 0;
-  double scale = 1;
-  std::vector<std::pair<uint32_t, PatchMatch>> matches;  // by surface point
-};
 
 struct Tally {
   std::set<int> pairs;
@@ -258,9 +74,9 @@ void FindMisplaced(const std::vector<PairFigures>& pairs, SceneFit* fit) {
   if (across.size() < 4) return;
   std::sort(across.begin(), across.end());
   std::sort(above.begin(), above.end());
-  const double usual_px = across[across.size() / 4];
+  const double usual_px = across[across.size() / 4], small_px = across[across.size() / 20];
   const double usual_above = above[3 * above.size() / 4];
-  const double far_px = std::max(kMisplaced_px, kMisplacedRatio * usual_px);
+  const double far_px = std::max(kMisplaced_px, usual_px + kMisplacedSpreads * (usual_px - small_px));
   std::vector<std::array<int, 2>> count(fit->views.size());  // pairs, bad ones
   for (const PairFigures& pair : pairs) {
     const bool bad = pair.share.across_px > far_px || pair.share.above_chance < kMisplacedShare * usual_above;
@@ -276,16 +92,8 @@ void FindMisplaced(const std::vector<PairFigures>& pairs, SceneFit* fit) {
 
 // Fits mesh_shift_m and focal_changes to the offsets of all distinct matches, by least absolute values. Offsets across
 // the epipolar lines, which the mesh cannot cause, weigh more.
-void FitShiftAndFocals(const std::vector<Measured>& pairs, const std::vector<SurfacePoint>& points,
-                       const SceneDescription& scene, SceneFit* fit) {
-  std::vector<int> camera_of(scene.views.size());
-  for (size_t v = 0; v < scene.views.size(); ++v) {
-    const auto known = std::find(fit->cameras.begin(), fit->cameras.end(), scene.views[v].lens);
-    camera_of[v] = static_cast<int>(known - fit->cameras.begin());
-    if (known == fit->cameras.end()) fit->cameras.push_back(scene.views[v].lens);
-  }
+void FitShiftAndFocals(const std::vector<FitMatches>& pairs, SceneFit* fit) {
   const auto unknowns = static_cast<int>(3 + fit->cameras.size());
-  fit->focal_changes.assign(fit->cameras.size(), 0);
   struct Row {
     Eigen::Vector3d normal;
     double by_surface = 0, by_focal[2] = {0, 0}, offset = 0;
@@ -293,17 +101,17 @@ void FitShiftAndFocals(const std::vector<Measured>& pairs, const std::vector<Sur
     bool across = false;
   };
   std::vector<Row> rows;
-  for (const Measured& pair : pairs) {
+  for (const FitMatches& pair : pairs) {
     for (const auto& [point, match] : pair.matches) {
       if (!match.distinct) continue;
       const Eigen::Vector2d& e = match.epipolar_dir;
       for (const bool across : {false, true}) {
         const Eigen::Vector2d direction = across ? Eigen::Vector2d(-e.y(), e.x()) : e;
-        rows.push_back({points[point].normal,
+        rows.push_back({point.normal,
                         across ? 0 : match.by_surface.dot(direction),
                         {match.by_reference_focal.dot(direction), match.by_other_focal.dot(direction)},
                         match.shift_px.dot(direction),
-                        {camera_of[pair.reference], camera_of[pair.other]},
+                        {fit->camera_of[pair.reference], fit->camera_of[pair.other]},
                         across});
       }
     }
@@ -339,67 +147,133 @@ void FitShiftAndFocals(const std::vector<Measured>& pairs, const std::vector<Sur
   for (size_t c = 0; c < fit->cameras.size(); ++c) fit->focal_changes[c] = solution[3 + static_cast<int>(c)];
 }
 
+// The share above chance that says something: see SceneFit::least_above_chance. The number of matches by chance varies
+// more between pairs than that of independent patches would.
+double LeastAboveChance(const std::vector<FitMatches>& pairs, double limit, int64_t patches) {
+  double squares = 0, expected = 0;
+  for (const FitMatches& pair : pairs) {
+    double above = 0, count = 0;
+    for (const auto& [point, match] : pair.matches) {
+      count += static_cast<double>(match.at_random.size());
+      for (const float value : match.at_random) above += value > limit;
+    }
+    const double difference = above - kChanceShare * count;
+    squares += difference * difference;
+    expected += kChanceShare * (1 - kChanceShare) * count;
+  }
+  const double excess = expected > 0 ? std::max(1.0, squares / expected) : 1;
+  const double deviation =
+      std::sqrt(excess * kChanceShare * (1 - kChanceShare) / static_cast<double>(std::max<int64_t>(patches, 1)));
+  return std::max(3 * kChanceShare, kChanceShare + kNoFitDeviations * deviation);
+}
+
+// The ZNCC of patches if the mesh were moved; NaN where they leave an image or lack texture.
+using TrialScores = std::array<float, kTrials>;
+
+TrialScores TryShifts(const PatchView& reference, const PatchView& other, const SurfacePoint& point,
+                      const Eigen::Vector3d& up) {
+  const Eigen::Vector3d side = up.unitOrthogonal(), front = up.cross(side);
+  TrialScores scores;
+  for (int t = 0; t < kTrials; ++t) {
+    const Eigen::Vector3d& axis = t % 2 == 0 ? side : front;
+    const double shift_m = kTrialShifts_m[t / kTrialDirections] * (t % kTrialDirections < 2 ? 1 : -1);
+    scores[t] = CorrelatePatch(reference, other, {point.position + shift_m * axis, point.normal});
+  }
+  return scores;
+}
+
+// SceneFit::sideways_deviations, from the scores in place and of the trials.
+double SidewaysDeviations(const std::vector<std::pair<float, TrialScores>>& trials, double limit) {
+  double largest = 0;
+  for (int t = 0; t < kTrials; ++t) {
+    double more = 0, less = 0;
+    for (const auto& [in_place, moved] : trials) {
+      if (!std::isfinite(moved[t])) continue;
+      more += moved[t] > limit && in_place <= limit;
+      less += moved[t] <= limit && in_place > limit;
+    }
+    if (more + less > 0) largest = std::max(largest, (more - less) / std::sqrt(more + less));
+  }
+  return largest;
+}
+
 }  // namespace
 
-StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const TriangleMesh& mesh, const FitOptions& options,
-                              const TaskControl& control) {
-  const PairFinder finder(scene, mesh);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<Pair> pairs, finder.Find(options, control));
-  ImageCache images(scene);
-  std::vector<Measured> measured;
-  for (size_t first = 0, last = 0; first < pairs.size(); first = last) {
-    TESSERA_RETURN_IF_ERROR(control.Check());
-    std::set<int> views;
-    for (; last < pairs.size() && pairs[last].reference == pairs[first].reference; ++last) {
-      views.insert({pairs[last].reference, pairs[last].other});
-    }
-    TESSERA_RETURN_IF_ERROR(images.Require(views));
-    for (size_t p = first; p < last; ++p) {
-      const Pair& pair = pairs[p];
-      const LoadedView& reference = images.at(pair.reference);
-      std::vector<std::optional<PatchMatch>> matches(pair.points.size());
-      ParallelForEach(pair.points.size(), 16, [&](size_t i) {
-        matches[i] = MatchPatch(reference.view, images.at(pair.other).view, finder.points()[pair.points[i]],
-                                static_cast<uint32_t>(p * 1000 + i));
-      });
-      Measured& result = measured.emplace_back(Measured{pair.reference, pair.other, reference.scale, {}});
-      for (size_t i = 0; i < matches.size(); ++i) {
-        if (matches[i]) result.matches.emplace_back(pair.points[i], *std::move(matches[i]));
-      }
-    }
-    control.Report(static_cast<double>(last) / static_cast<double>(pairs.size()), "fit of images and mesh");
-  }
-
+double ChanceLimit(const std::vector<FitMatches>& pairs) {
   std::vector<float> by_chance;
-  for (const Measured& pair : measured) {
+  for (const FitMatches& pair : pairs) {
     for (const auto& [point, match] : pair.matches) {
       by_chance.insert(by_chance.end(), match.at_random.begin(), match.at_random.end());
     }
   }
-  SceneFit fit;
-  fit.views.resize(scene.views.size());
-  if (by_chance.empty()) return fit;
+  if (by_chance.empty()) return 1;
   const auto limit = by_chance.begin() + static_cast<ptrdiff_t>(by_chance.size() * 19 / 20);
   std::nth_element(by_chance.begin(), limit, by_chance.end());
-  const double chance = *limit;
+  return *limit;
+}
 
+SceneFit SumUpFit(const SceneDescription& scene, const std::vector<FitMatches>& pairs) {
+  SceneFit fit;
+  fit.views.resize(scene.views.size());
+  fit.camera_of.resize(scene.views.size());
+  for (size_t v = 0; v < scene.views.size(); ++v) {
+    const auto known = std::find(fit.cameras.begin(), fit.cameras.end(), scene.views[v].lens);
+    fit.camera_of[v] = static_cast<int>(known - fit.cameras.begin());
+    if (known == fit.cameras.end()) fit.cameras.push_back(scene.views[v].lens);
+  }
+  fit.camera_shares.resize(fit.cameras.size());
+  fit.focal_changes.assign(fit.cameras.size(), 0);
+  const double chance = ChanceLimit(pairs);
   Tally all;
-  std::vector<Tally> of_view(scene.views.size());
+  std::vector<Tally> of_view(scene.views.size()), of_camera(fit.cameras.size());
   std::vector<PairFigures> of_pair;
-  for (size_t p = 0; p < measured.size(); ++p) {
-    const Measured& pair = measured[p];
+  for (size_t p = 0; p < pairs.size(); ++p) {
+    const FitMatches& pair = pairs[p];
     Tally tally;
+    std::set<Tally*> tallies = {&all, &tally, &of_view[pair.reference], &of_view[pair.other]};
+    for (const int view : {pair.reference, pair.other}) tallies.insert(&of_camera[fit.camera_of[view]]);
     for (const auto& [point, match] : pair.matches) {
-      for (Tally* each : {&all, &tally, &of_view[pair.reference], &of_view[pair.other]}) {
-        each->Add(static_cast<int>(p), match, pair.scale, chance);
-      }
+      for (Tally* each : tallies) each->Add(static_cast<int>(p), match, pair.scale, chance);
     }
     if (tally.patches >= kLeastPatches) of_pair.push_back({pair.reference, pair.other, tally.Share()});
   }
   fit.all = all.Share();
-  for (size_t v = 0; v < scene.views.size(); ++v) fit.views[v] = of_view[v].Share();
+  fit.least_above_chance = LeastAboveChance(pairs, chance, fit.all.patches);
+  for (size_t v = 0; v < of_view.size(); ++v) fit.views[v] = of_view[v].Share();
+  for (size_t c = 0; c < of_camera.size(); ++c) fit.camera_shares[c] = of_camera[c].Share();
   FindMisplaced(of_pair, &fit);
-  FitShiftAndFocals(measured, finder.points(), scene, &fit);
+  FitShiftAndFocals(pairs, &fit);
+  return fit;
+}
+
+StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const FitSurface& surface, const FitOptions& options,
+                              const TaskControl& control) {
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<FitPair> pairs,
+                           FindFitPairs(scene, SpreadPoints(surface.mesh, FitPointsFor(scene)),
+                                        RayCaster(*surface.occluders), surface.margin_m, options, control));
+  FitImages images(scene);
+  std::vector<FitMatches> measured(pairs.size());
+  std::vector<std::pair<float, TrialScores>> trials;
+  TESSERA_RETURN_IF_ERROR(ForEachFitPair(pairs, &images, control, [&](size_t p) {
+    const FitPair& pair = pairs[p];
+    const PatchView reference = images.At(scene, pair.reference), other = images.At(scene, pair.other);
+    std::vector<std::optional<PatchMatch>> matches =
+        MatchPoints(reference, other, pair.points, static_cast<uint32_t>(p * 1000));
+    std::vector<TrialScores> scores(pair.points.size());
+    ParallelForEach(pair.points.size(), 16, [&](size_t i) {
+      if (matches[i] && i % kPatchesOfTrial == 0) {
+        scores[i] = TryShifts(reference, other, pair.points[i], scene.up_in_local);
+      }
+    });
+    measured[p] = {pair.reference, pair.other, images.Scale(pair.reference), {}};
+    for (size_t i = 0; i < matches.size(); ++i) {
+      if (!matches[i]) continue;
+      if (i % kPatchesOfTrial == 0) trials.emplace_back(static_cast<float>(matches[i]->correlation), scores[i]);
+      measured[p].matches.push_back({pair.points[i], *std::move(matches[i])});
+    }
+  }));
+  SceneFit fit = SumUpFit(scene, measured);
+  fit.sideways_deviations = SidewaysDeviations(trials, ChanceLimit(measured));
   return fit;
 }
 

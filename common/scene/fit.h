@@ -29,25 +29,49 @@ struct FitShare {
   double across_px = -1, along_px = -1;
 };
 
+// Share of patches that correlate by chance: by the definition of FitShare::above_chance.
+inline constexpr double kChanceShare = 0.05;
+
 struct SceneFit {
   FitShare all;
   std::vector<FitShare> views;  // of each view
-  std::vector<int> misplaced;   // views whose pairs disagree with those of the others
+  // The share above chance that a scene must exceed to have anything in common with its images: three times the share
+  // by chance, so that most matches are true ones, and five standard deviations above it. The deviation is that of the
+  // patches at random places, between pairs.
+  double least_above_chance = 3 * kChanceShare;
+  std::vector<int> misplaced;  // views whose pairs disagree with those of the others
   // The translation of the mesh (local frame) and the relative changes of the cameras' focal lengths that together
   // explain the offsets best.
   Eigen::Vector3d mesh_shift_m = Eigen::Vector3d::Zero();
-  std::vector<LensModel> cameras;     // the different ones
-  std::vector<double> focal_changes;  // of each of `cameras`
+  std::vector<LensModel> cameras;       // the different ones
+  std::vector<int> camera_of;           // of each view
+  std::vector<double> focal_changes;    // of each of `cameras`
+  std::vector<FitShare> camera_shares;  // of each of `cameras`: pairs with at least one of its views
+  // How much better the best of some trial shifts of the mesh to the sides matches, in standard deviations of the
+  // number of patches that match more or less than in place by chance.
+  double sideways_deviations = 0;
 };
 
-// Shares of patches above chance: below the first, images, poses and mesh have nothing in common; below the second,
-// they fit badly.
-inline constexpr double kNoFit = 0.15, kBadFit = 0.4;
+// Share of patches above chance below which a scene fits badly: 37 % of the patches match for another reason than
+// chance, so the mesh is wrong at most places. Good start meshes, down to block models, have 60 to 95 %.
+inline constexpr double kBadFit = 0.4;
 
-// Reads the images of the chosen pairs. `mesh`: repaired, local frame. The result does not depend on the number of
-// threads. Without a pair of images that see the same surface, all.pairs is 0. Errors: those of reading images, and
-// CANCELLED by `control`.
-StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const TriangleMesh& mesh, const FitOptions& options,
+// The surface that is measured: repaired, local frame. What it refers to must outlive it.
+struct FitSurface {
+  FitSurface(const TriangleMesh& all) : mesh(all), occluders(&all) {}
+  // `hides`: what hides points of a mesh that is too large for it; its surface is at most `error_m` from that of
+  // `large`.
+  FitSurface(const MeshSpans& large, const TriangleMesh& hides, double error_m)
+      : mesh(large), occluders(&hides), margin_m(error_m) {}
+
+  MeshSpans mesh;
+  const TriangleMesh* occluders;
+  double margin_m = 0;
+};
+
+// Reads the images of the chosen pairs. The result does not depend on the number of threads. Without a pair of images
+// that see the same surface, all.pairs is 0. Errors: those of reading images, and CANCELLED by `control`.
+StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const FitSurface& surface, const FitOptions& options,
                               const TaskControl& control);
 
 }  // namespace tessera

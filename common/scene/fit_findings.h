@@ -1,11 +1,15 @@
 // What the fit of a scene (MeasureFit) says to its user.
 #pragma once
 
+#include <cstddef>
 #include <string>
+#include <vector>
 
 #include "common/base/status.h"
+#include "common/base/task_control.h"
 #include "common/scene/fit.h"
 #include "common/scene/fit_readings.h"
+#include "common/scene/tie_points.h"
 
 namespace tessera {
 
@@ -16,6 +20,39 @@ bool NeedsReading(const SceneFit& fit, double gsd_m);
 // warnings about misplaced views, poses, focal lengths, a shifted mesh and a bad fit.
 Status JudgeFit(const SceneDescription& scene, const SceneFit& fit, const Reading& reading, double gsd_m,
                 Warnings* warnings);
+
+struct JudgedFit {
+  SceneFit fit;
+  Status fault;              // of JudgeFit
+  bool has_reading = false;  // that explains what is wrong
+};
+
+// MeasureFit, FindReading if needed, and JudgeFit. `gsd_m`: 0 if no camera sees the mesh.
+StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m,
+                             const TaskControl& control, Warnings* warnings);
+
+// The fit by camera and by image.
+struct FitTable {
+  struct Row {
+    std::string name;  // of the image; of a camera: its size and focal length
+    FitShare share;
+    double reprojection_px = -1;  // median of an image's points; -1: none
+    bool disagrees = false;       // with the others
+  };
+  FitShare all;
+  std::vector<Row> cameras;
+  std::vector<Row> images;  // with measured pairs or points; the worst first
+};
+
+// `tie_points` may be null.
+FitTable MakeFitTable(const SceneDescription& scene, const SceneFit& fit, const TiePointFigures* tie_points);
+
+// Rows under a header; at most `most_rows` cameras and as many images. Empty for an empty table.
+std::string FitTableToText(const FitTable& table, size_t most_rows);
+
+// An object with the figures of the whole scene, `cameras` and the `most_images` worst `images`. What was not measured
+// is left out. The units are in the keys.
+std::string FitTableToJson(const FitTable& table, size_t most_images);
 
 // "88 % of 13225 patches above chance; median offset ...", or "not measured: ..."
 std::string FitText(const SceneFit& fit);

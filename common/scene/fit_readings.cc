@@ -2,11 +2,18 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <functional>
+#include <numbers>
+#include <set>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "common/base/parallel.h"
+#include "common/geometry/ray_caster.h"
+#include "common/scene/fit_pairs.h"
 
 namespace tessera {
 namespace {
@@ -15,10 +22,19 @@ constexpr double kFoot_m = 0.3048;
 constexpr double kFits_px = 0.75;  // median offsets under a right reading
 // Enough to tell a fit from chance.
 constexpr FitOptions kSmall = {.pairs = 16, .patches = 60};
+constexpr FitOptions kOfShift = {.pairs = 24, .patches = 150};
+constexpr int64_t kSmallImage = 1'500'000, kKeptImages = 48;
+// A shift is searched from this far above and below, and then around the best place, with halved steps.
+constexpr double kHighestShift_m = 60, kFirstStep_m = 4, kLastStep_m = 0.2;
+constexpr int kMostMoves = 20;
+// A shift is significant if the patches that match by it, less those that match no more, exceed this many standard
+// deviations of their number by chance. Patches share images and pixels: about two of them count for one.
+constexpr double kShiftDeviations = 5, kPatchesOfOne = 2;
 
 struct Candidate {
   std::string fault;
-  std::function<void(SceneDescription* scene, TriangleMesh* mesh)> correct;
+  std::function<void(SceneDescription* scene)> correct;
+  bool inwards = false;  // turn the faces
 };
 
 // Edits poses in scene coordinates.
@@ -35,24 +51,58 @@ void EditPoses(SceneDescription* scene, const Edit& edit) {
   }
 }
 
-Candidate OfMesh(std::string fault, const Eigen::Matrix3d& corrected_from_mesh) {
-  return {std::move(fault), [corrected_from_mesh](SceneDescription* scene, TriangleMesh* mesh) {
-            for (Eigen::Vector3d& p : mesh->vertices) {
-              p = scene->frame.LocalFromScene(corrected_from_mesh * scene->frame.SceneFromLocal(p));
-            }
-            if (corrected_from_mesh.determinant() > 0) return;
-            for (auto& face : mesh->faces) std::swap(face[1], face[2]);
+// A mesh that must be multiplied by `scale` and `axes`, an orthogonal matrix. The cameras get the inverse instead,
+// since all candidates share the mesh's points and rays.
+Candidate OfMesh(std::string fault, double scale, const Eigen::Matrix3d& axes) {
+  return {std::move(fault), [scale, axes](SceneDescription* scene) {
+            EditPoses(scene, [&](Eigen::Matrix3d* r, Eigen::Vector3d* t) {
+              *r = *r * axes;
+              *t /= scale;
+            });
           }};
 }
 
 Candidate OfScale(const char* unit, double metres) {
   return OfMesh(absl::StrCat("the mesh is in ", unit, " and the cameras are in metres: multiply the mesh by ", metres),
-                metres * Eigen::Matrix3d::Identity());
+                metres, Eigen::Matrix3d::Identity());
+}
+
+// Rows of a signed permutation, by axis number from 1.
+Eigen::Matrix3d Axes(int x, int y, int z) {
+  Eigen::Matrix3d m = Eigen::Matrix3d::Zero();
+  const int of[3] = {x, y, z};
+  for (int row = 0; row < 3; ++row) m(row, std::abs(of[row]) - 1) = of[row] > 0 ? 1 : -1;
+  return m;
+}
+
+std::string AxesFault(int x, int y, int z) {
+  const auto name = [](int axis) {
+    return absl::StrCat(axis < 0 ? "-" : "", axis * axis == 1 ? "x" : axis * axis == 4 ? "y" : "z");
+  };
+  const struct {
+    int x, y, z;
+    const char* meaning;
+  } known[] = {{1, -3, 2, "y is up in the mesh, z in the cameras"},
+               {1, 3, -2, "y is down in the mesh, or y is up in the cameras"},
+               {1, -2, -3, "z points down in the mesh"},
+               {2, 1, -3, "x and y are exchanged in the mesh (and z)"},
+               {2, 1, 3, "x and y are exchanged in the mesh"},
+               {1, 2, -3, "z is mirrored in the mesh"},
+               {1, -2, 3, "y is mirrored in the mesh"},
+               {-1, 2, 3, "x is mirrored in the mesh"},
+               {-1, -2, 3, "the mesh is turned by 180 degrees about z"},
+               {-2, 1, 3, "the mesh is turned by 90 degrees about z"},
+               {2, -1, 3, "the mesh is turned by 90 degrees about z"}};
+  const char* meaning = "the axes of the mesh are not those of the cameras";
+  for (const auto& each : known) {
+    if (each.x == x && each.y == y && each.z == z) meaning = each.meaning;
+  }
+  return absl::StrCat(meaning, ": map (x, y, z) to (", name(x), ", ", name(y), ", ", name(z), ")");
 }
 
 // The same camera for photographs that are stored turned by 180 degrees, or by +-90 degrees about the optical axis.
 Candidate OfTurn(const char* fault, int cosine, int sine) {
-  return {fault, [cosine, sine](SceneDescription* scene, TriangleMesh*) {
+  return {fault, [cosine, sine](SceneDescription* scene) {
             Eigen::Matrix3d turn;
             turn << cosine, -sine, 0, sine, cosine, 0, 0, 0, 1;
             for (SceneView& view : scene->views) {
@@ -69,58 +119,51 @@ Candidate OfTurn(const char* fault, int cosine, int sine) {
 
 std::vector<Candidate> Candidates(const SceneDescription& scene) {
   std::vector<Candidate> all;
-  const auto axes = [](int x, int y, int z) {  // rows of a signed permutation, by axis number from 1
-    Eigen::Matrix3d m = Eigen::Matrix3d::Zero();
-    const int of[3] = {x, y, z};
-    for (int row = 0; row < 3; ++row) m(row, std::abs(of[row]) - 1) = of[row] > 0 ? 1 : -1;
-    return m;
-  };
   all.push_back(OfScale("feet", kFoot_m));
   all.push_back(OfScale("centimetres", 0.01));
   all.push_back(OfScale("millimetres", 0.001));
   all.push_back(OfScale("kilometres", 1000));
   all.push_back({"the cameras are in feet and the mesh is in metres: multiply camera positions by 0.3048",
-                 [](SceneDescription* edited, TriangleMesh*) {
+                 [](SceneDescription* edited) {
                    EditPoses(edited, [](Eigen::Matrix3d*, Eigen::Vector3d* t) { *t *= kFoot_m; });
                  }});
-  all.push_back(OfMesh("y is up in the mesh, z in the cameras: map (x, y, z) to (x, -z, y)", axes(1, -3, 2)));
-  all.push_back(
-      OfMesh("y is down in the mesh, or y is up in the cameras: map (x, y, z) to (x, z, -y)", axes(1, 3, -2)));
-  all.push_back(OfMesh("z points down in the mesh: map (x, y, z) to (x, -y, -z)", axes(1, -2, -3)));
-  all.push_back(OfMesh("x and y are exchanged in the mesh (and z): map (x, y, z) to (y, x, -z)", axes(2, 1, -3)));
-  all.push_back(OfMesh("x and y are exchanged in the mesh: map (x, y, z) to (y, x, z)", axes(2, 1, 3)));
-  all.push_back(OfMesh("z is mirrored in the mesh: map (x, y, z) to (x, y, -z)", axes(1, 2, -3)));
-  all.push_back(OfMesh("y is mirrored in the mesh: map (x, y, z) to (x, -y, z)", axes(1, -2, 3)));
-  all.push_back(OfMesh("the mesh is turned by 180 degrees about z: map (x, y, z) to (-x, -y, z)", axes(-1, -2, 3)));
-  all.push_back({"poses are camera-to-world: COLMAP stores world-to-camera; invert them",
-                 [](SceneDescription* edited, TriangleMesh*) {
+  all.push_back({"the faces of the mesh are oriented inwards: turn them", [](SceneDescription*) {}, true});
+  int order[3] = {1, 2, 3};
+  do {
+    for (int signs = 0; signs < 8; ++signs) {
+      const int x = signs & 1 ? -order[0] : order[0], y = signs & 2 ? -order[1] : order[1];
+      const int z = signs & 4 ? -order[2] : order[2];
+      if (x == 1 && y == 2 && z == 3) continue;
+      all.push_back(OfMesh(AxesFault(x, y, z), 1, Axes(x, y, z)));
+    }
+  } while (std::next_permutation(order, order + 3));
+  all.push_back({"poses are camera-to-world: COLMAP stores world-to-camera; invert them", [](SceneDescription* edited) {
                    EditPoses(edited, [](Eigen::Matrix3d* r, Eigen::Vector3d* t) {
                      *t = -r->transpose() * *t;
                      r->transposeInPlace();
                    });
                  }});
-  const Eigen::Matrix3d flip = axes(1, -2, -3);
+  const Eigen::Matrix3d flip = Axes(1, -2, -3);
   all.push_back({"cameras have OpenGL axes (y up, z backwards): COLMAP's have y down and z forwards",
-                 [flip](SceneDescription* edited, TriangleMesh*) {
+                 [flip](SceneDescription* edited) {
                    EditPoses(edited, [&flip](Eigen::Matrix3d* r, Eigen::Vector3d* t) {
                      *r = flip * *r;
                      *t = flip * *t;
                    });
                  }});
-  all.push_back(
-      {"quaternions are in the order x y z w: COLMAP's order is w x y z", [](SceneDescription* edited, TriangleMesh*) {
-         EditPoses(edited, [](Eigen::Matrix3d* r, Eigen::Vector3d*) {
-           const Eigen::Quaterniond q(*r);
-           *r = Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()).normalized().toRotationMatrix();
-         });
-       }});
-  all.push_back({"the principal point is wrong: it fits if it is in the middle of the images",
-                 [](SceneDescription* edited, TriangleMesh*) {
-                   for (SceneView& view : edited->views) {
-                     view.camera.intrinsics.cx = 0.5 * view.camera.intrinsics.width;
-                     view.camera.intrinsics.cy = 0.5 * view.camera.intrinsics.height;
-                   }
+  all.push_back({"quaternions are in the order x y z w: COLMAP's order is w x y z", [](SceneDescription* edited) {
+                   EditPoses(edited, [](Eigen::Matrix3d* r, Eigen::Vector3d*) {
+                     const Eigen::Quaterniond q(*r);
+                     *r = Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()).normalized().toRotationMatrix();
+                   });
                  }});
+  all.push_back(
+      {"the principal point is wrong: it fits if it is in the middle of the images", [](SceneDescription* edited) {
+         for (SceneView& view : edited->views) {
+           view.camera.intrinsics.cx = 0.5 * view.camera.intrinsics.width;
+           view.camera.intrinsics.cy = 0.5 * view.camera.intrinsics.height;
+         }
+       }});
   all.push_back(OfTurn("the photographs are turned by 180 degrees against the poses", -1, 0));
   const bool square = std::all_of(scene.views.begin(), scene.views.end(), [](const SceneView& view) {
     return view.camera.intrinsics.width == view.camera.intrinsics.height;
@@ -132,23 +175,151 @@ std::vector<Candidate> Candidates(const SceneDescription& scene) {
   return all;
 }
 
+// A mesh whose correlations are measured again and again.
+class Trials {
+ public:
+  Trials(const SceneDescription& scene, const FitSurface& surface)
+      : scene_(scene),
+        caster_(*surface.occluders),
+        margin_m_(surface.margin_m),
+        points_(SpreadPoints(surface.mesh, FitPointsFor(scene))),
+        inward_points_(points_),
+        images_(scene, kSmallImage, kKeptImages) {
+    for (SurfacePoint& point : inward_points_) point.normal = -point.normal;
+  }
+
+  StatusOr<SceneFit> Fit(const SceneDescription& corrected, bool inwards, const TaskControl& control) {
+    TESSERA_ASSIGN_OR_RETURN(
+        const std::vector<FitPair> pairs,
+        FindFitPairs(corrected, inwards ? inward_points_ : points_, caster_, margin_m_, kSmall, control));
+    std::vector<FitMatches> measured(pairs.size());
+    TESSERA_RETURN_IF_ERROR(ForEachFitPair(pairs, &images_, control, [&](size_t p) {
+      const FitPair& pair = pairs[p];
+      const auto matches = MatchPoints(images_.At(corrected, pair.reference), images_.At(corrected, pair.other),
+                                       pair.points, static_cast<uint32_t>(p * 1000));
+      measured[p] = {pair.reference, pair.other, images_.Scale(pair.reference), {}};
+      for (size_t i = 0; i < matches.size(); ++i) {
+        if (matches[i]) measured[p].matches.push_back({pair.points[i], *matches[i]});
+      }
+    }));
+    return SumUpFit(corrected, measured);
+  }
+
+  // Sets shift_m and above_chance of `reading` if a shift of the mesh is significantly better than none. `far`: also
+  // one that is too large to match in place.
+  Status FindShift(double gsd_m, bool far, const TaskControl& control, Reading* reading) {
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<FitPair> pairs,
+                             FindFitPairs(scene_, points_, caster_, margin_m_, kOfShift, control));
+    if (pairs.empty()) return absl::OkStatus();
+    std::set<int> views;
+    for (const FitPair& pair : pairs) views.insert({pair.reference, pair.other});
+    TESSERA_RETURN_IF_ERROR(images_.Require(views));
+    std::vector<FitMatches> in_place;
+    std::vector<Patch> patches;
+    for (const FitPair& pair : pairs) {
+      const PatchView reference = images_.At(scene_, pair.reference), other = images_.At(scene_, pair.other);
+      const auto matches = MatchPoints(reference, other, pair.points, static_cast<uint32_t>(in_place.size() * 1000));
+      FitMatches& of_pair = in_place.emplace_back(FitMatches{pair.reference, pair.other, 1, {}});
+      for (size_t i = 0; i < matches.size(); ++i) {
+        if (!matches[i]) continue;
+        of_pair.matches.push_back({pair.points[i], *matches[i]});
+        patches.push_back({reference, other, pair.points[i]});
+      }
+    }
+    const double limit = ChanceLimit(in_place);
+    // Of each patch, whether it matches with the mesh moved.
+    const auto matches_at = [&](const Eigen::Vector3d& shift_m) {
+      std::vector<uint8_t> above(patches.size());
+      ParallelForEach(patches.size(), 64, [&](size_t i) {
+        const Patch& patch = patches[i];
+        above[i] =
+            CorrelatePatch(patch.reference, patch.other, {patch.point.position + shift_m, patch.point.normal}) > limit;
+      });
+      return above;
+    };
+    const auto count = [](const std::vector<uint8_t>& above) { return std::count(above.begin(), above.end(), 1); };
+
+    const Eigen::Vector3d up = scene_.up_in_local, side = up.unitOrthogonal(), front = up.cross(side);
+    const std::vector<uint8_t> start = matches_at(Eigen::Vector3d::Zero());
+    Eigen::Vector3d best_m = Eigen::Vector3d::Zero();
+    std::vector<uint8_t> best = start;
+    const auto try_shift = [&](const Eigen::Vector3d& shift_m) {
+      std::vector<uint8_t> above = matches_at(shift_m);
+      if (count(above) <= count(best)) return false;
+      best = std::move(above);
+      best_m = shift_m;
+      return true;
+    };
+    if (far) {
+      const double step_m = std::max(1.0, 4 * gsd_m);
+      for (double z = -kHighestShift_m; z <= kHighestShift_m; z += step_m) {
+        TESSERA_RETURN_IF_ERROR(control.Check());
+        try_shift(z * up);
+      }
+    }
+    int moves = 0;
+    for (double step_m = kFirstStep_m; step_m >= std::max(kLastStep_m, 0.5 * gsd_m); step_m /= 2) {
+      for (bool better = true; better && moves < kMostMoves; ++moves) {
+        TESSERA_RETURN_IF_ERROR(control.Check());
+        const Eigen::Vector3d from_m = best_m;
+        better = false;
+        for (const Eigen::Vector3d& way : {side, front, up, Eigen::Vector3d((side + front) / std::numbers::sqrt2),
+                                           Eigen::Vector3d((side - front) / std::numbers::sqrt2)}) {
+          for (const double sign : {-1.0, 1.0}) better |= try_shift(from_m + sign * step_m * way);
+        }
+      }
+    }
+    double more = 0, less = 0;
+    for (size_t i = 0; i < patches.size(); ++i) {
+      more += best[i] > start[i];
+      less += best[i] < start[i];
+    }
+    if (!(more - less > kShiftDeviations * std::sqrt(kPatchesOfOne * (more + less)))) return absl::OkStatus();
+    reading->mesh_shift_m = best_m;
+    reading->above_chance = static_cast<double>(count(best)) / static_cast<double>(patches.size());
+    return absl::OkStatus();
+  }
+
+ private:
+  struct Patch {
+    PatchView reference, other;
+    SurfacePoint point;
+  };
+
+  const SceneDescription& scene_;
+  const RayCaster caster_;
+  const double margin_m_;
+  const std::vector<SurfacePoint> points_;
+  std::vector<SurfacePoint> inward_points_;
+  FitImages images_;
+};
+
 }  // namespace
 
-StatusOr<Reading> FindReading(const SceneDescription& scene, const TriangleMesh& mesh, const SceneFit& fit,
-                              const TaskControl& control) {
+StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
+                              double gsd_m, const TaskControl& control) {
+  Trials trials(scene, surface);
   Reading best;
-  best.above_chance = std::max(2 * fit.all.above_chance, kBadFit);
-  for (const Candidate& candidate : Candidates(scene)) {
+  const double least = std::max(2 * fit.all.above_chance, kBadFit);
+  const bool fits = 2 * fit.all.above_chance > 1;  // nothing is twice as good
+  best.above_chance = least;
+  for (const Candidate& candidate : fits ? std::vector<Candidate>() : Candidates(scene)) {
     SceneDescription corrected = scene;
-    TriangleMesh corrected_mesh = mesh;
-    candidate.correct(&corrected, &corrected_mesh);
-    TESSERA_ASSIGN_OR_RETURN(const SceneFit found, MeasureFit(corrected, corrected_mesh, kSmall, control));
+    candidate.correct(&corrected);
+    TESSERA_ASSIGN_OR_RETURN(const SceneFit found, trials.Fit(corrected, candidate.inwards, control));
     if (found.all.patches < 100 || found.all.above_chance <= best.above_chance) continue;
     // A wrong reading may match flat ground, but not where the mesh puts it.
     if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px)) continue;
-    best = {candidate.fault, found.all.above_chance};
+    best = {candidate.fault, found.all.above_chance, Eigen::Vector3d::Zero()};
   }
-  if (best.fault.empty()) best.above_chance = fit.all.above_chance;
+  if (!best.fault.empty()) return best;
+  best.above_chance = fit.all.above_chance;
+  TESSERA_RETURN_IF_ERROR(trials.FindShift(gsd_m, !fits, control, &best));
+  if (!fits && best.above_chance > least) {
+    const Eigen::Vector3d shift_m = scene.frame.rotation_local_from_scene().transpose() * best.mesh_shift_m;
+    best.fault = absl::StrFormat("the mesh has another offset: move it by (%.1f, %.1f, %.1f) m", shift_m.x(),
+                                 shift_m.y(), shift_m.z());
+  }
   return best;
 }
 

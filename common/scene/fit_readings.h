@@ -6,7 +6,6 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "common/geometry/mesh.h"
 #include "common/scene/fit.h"
 #include "common/scene/scene.h"
 
@@ -15,12 +14,16 @@ namespace tessera {
 struct Reading {
   std::string fault;        // what the scene would have wrong; empty: no reading fits
   double above_chance = 0;  // with it corrected
+  // Of the mesh, local frame: with it, significantly more patches match. Zero: no shift helps. It may explain a scene
+  // that fits, too.
+  Eigen::Vector3d mesh_shift_m = Eigen::Vector3d::Zero();
 };
 
 // The reading under which most patches correlate, if it is at least twice as good as `fit` and fits at all: another
-// unit or another vertical axis of the mesh, poses that are camera-to-world, of OpenGL, or with quaternions in another
-// order, a principal point that is missing, photographs that are turned. Costs about twenty times a small MeasureFit.
-StatusOr<Reading> FindReading(const SceneDescription& scene, const TriangleMesh& mesh, const SceneFit& fit,
-                              const TaskControl& control);
+// unit or other axes of the mesh, its faces oriented inwards, an offset of the mesh, poses that are camera-to-world, of
+// OpenGL, or with quaternions in another order, a principal point that is missing, photographs that are turned. `gsd_m`
+// may be 0 if no camera sees the mesh. Costs about as much as a MeasureFit of each image of a large scene.
+StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
+                              double gsd_m, const TaskControl& control);
 
 }  // namespace tessera

@@ -42,4 +42,7 @@ struct PatchMatch {
 std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point,
                                      uint32_t seed);
 
+// PatchMatch::correlation alone. NaN where MatchPatch gives none, except that the patch needs no surroundings.
+float CorrelatePatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point);
+
 }  // namespace tessera

@@ -44,16 +44,22 @@ std::string SummaryToText(const SceneSummary& s) {
                                     100 * s.under_three_share,
                                     s.faces_tried < s.faces ? absl::StrCat(" (", s.faces_tried, " sampled)") : ""));
   if (s.fit) row("fit", FitText(*s.fit));
-  if (!s.reprojection) {
+  if (!s.tie_points) {
     row("3D points", "none");
   } else {
-    row("3D points", absl::StrCat(s.reprojection->observations > 0
-                                      ? absl::StrFormat("%d image points, median error %.2f px; ",
-                                                        s.reprojection->observations, s.reprojection->median_px)
-                                      : "no image points; ",
-                                  absl::StrFormat("%.1f %% of %d track entries inside their images",
-                                                  100 * s.reprojection->inside_share, s.reprojection->track_entries)));
+    const TiePointFigures& points = *s.tie_points;
+    row("3D points",
+        absl::StrCat(points.observations > 0 ? absl::StrFormat("%d image points, median error %.2f px; ",
+                                                               points.observations, points.median_px)
+                                             : "no image points; ",
+                     absl::StrFormat("%.1f %% of %d track entries inside their images", 100 * points.inside_share,
+                                     points.track_entries),
+                     points.from_mesh_m ? absl::StrFormat("; median distance from the mesh %.2f m, %+.2f m with sign",
+                                                          *points.from_mesh_m, *points.above_mesh_m)
+                                        : ""));
   }
+  constexpr size_t kShownRows = 10;
+  absl::StrAppend(&text, FitTableToText(s.fit_table, kShownRows));
   return text;
 }
 
@@ -86,19 +92,21 @@ std::string SummaryToJson(const SceneSummary& s, const Warnings& warnings) {
   json["coverage"] = {
       {"faces_tried", s.faces_tried}, {"unseen_share", s.unseen_share}, {"under_three_share", s.under_three_share}};
   if (s.fit) {
-    json["fit"] = {{"pairs", s.fit->all.pairs},
-                   {"patches", s.fit->all.patches},
-                   {"above_chance", s.fit->all.above_chance},
-                   {"across_px", s.fit->all.across_px},
-                   {"along_px", s.fit->all.along_px},
-                   {"mesh_shift_m", {s.fit->mesh_shift_m.x(), s.fit->mesh_shift_m.y(), s.fit->mesh_shift_m.z()}},
-                   {"focal_changes", s.fit->focal_changes}};
+    json["fit"] = nlohmann::ordered_json::parse(FitTableToJson(s.fit_table, s.fit_table.images.size()));
+    const Eigen::Vector3d& shift_m = s.fit->mesh_shift_m;
+    json["fit"]["mesh_shift_m"] = {shift_m.x(), shift_m.y(), shift_m.z()};
+    json["fit"]["focal_changes"] = s.fit->focal_changes;
   }
-  if (s.reprojection) {
-    json["reprojection"] = {{"observations", s.reprojection->observations},
-                            {"median_px", s.reprojection->median_px},
-                            {"track_entries", s.reprojection->track_entries},
-                            {"inside_share", s.reprojection->inside_share}};
+  if (s.tie_points) {
+    json["reprojection"] = {{"observations", s.tie_points->observations},
+                            {"median_px", s.tie_points->median_px},
+                            {"track_entries", s.tie_points->track_entries},
+                            {"inside_share", s.tie_points->inside_share},
+                            {"stale_images", s.tie_points->stale}};
+    if (s.tie_points->from_mesh_m) {
+      json["reprojection"]["from_mesh_m"] = *s.tie_points->from_mesh_m;
+      json["reprojection"]["above_mesh_m"] = *s.tie_points->above_mesh_m;
+    }
   }
   json["warnings"] = warnings;
   return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";

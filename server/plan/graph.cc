@@ -242,6 +242,7 @@ class Graph {
     parameters.scene_name = survey_.scene_name;
     parameters.warnings = survey_.warnings;
     parameters.view_names = ViewNames(survey_);
+    parameters.fit = survey_.fit;
     PlannedTask task;
     task.kind = task.name = kPublishKind;
     SetCost(PredictPublish(survey_), &task);

@@ -106,7 +106,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
   for (const SceneClass& c : survey.classes) class_names.push_back(c.name);
   const json shares_before = AreaShares(statistics.areas_before_m2_, statistics.total_before_m2_, survey.classes);
   const json shares_after = AreaShares(statistics.areas_after_m2_, statistics.total_after_m2_, survey.classes);
-  return json{{"scene", survey.scene_name},
+  json report = {{"scene", survey.scene_name},
               {"gsd_m", survey.gsd_m},
               {"views", survey.views.size()},
               {"classes", class_names},
@@ -119,9 +119,12 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
               {"seams", SeamStatistics(tile_reports)},
               {"fit_change", FitSummary(fits, survey)},
               {"tiles", tile_reports},
-              {"warnings", survey.warnings}}
-             .dump(2) +
-         "\n";
+              {"warnings", survey.warnings}};
+  if (!survey.fit.empty()) {
+    const json fit = json::parse(survey.fit, nullptr, /*allow_exceptions=*/false);
+    if (!fit.is_discarded()) report["fit"] = fit;
+  }
+  return report.dump(2) + "\n";
 }
 
 }  // namespace tessera

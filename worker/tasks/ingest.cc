@@ -9,6 +9,7 @@
 #include "common/job/task_parameters.h"
 #include "common/scene/check.h"
 #include "common/scene/coverage.h"
+#include "common/scene/fit_findings.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "worker/city/cell_views.h"
@@ -25,6 +26,7 @@ namespace {
 
 constexpr double kCellGsd = 64;  // rounded to a power of two in metres
 constexpr int64_t kCoverageClusters = 1 << 18;
+constexpr size_t kReportedImages = 20;  // the worst ones, in the report
 constexpr int kMinPairSamples = 4000, kPairSamplesPerView = 100, kMaxPairSamples = 100000;
 
 // Larger scenes are checked while their mesh is streamed, not in memory.
@@ -74,9 +76,10 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
   std::sort(survey->pairs.begin(), survey->pairs.end());
 }
 
-// Reports mesh defects that CheckSceneFolder would report, for meshes that it leaves to ingest.
+// Reports what CheckSceneFolder would report of a mesh, for meshes that it leaves to ingest. `fit` receives the fit.
 Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const MeshDefects& defects, double gsd_m,
-                      const std::string& scratch_folder, const TaskControl& control, Warnings* warnings) {
+                      const std::string& scratch_folder, const TaskControl& control, Warnings* warnings,
+                      std::string* fit) {
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   WarnOfDefects(defects, warnings);
   const int64_t unlabelled = std::count(mesh.labels.values().begin(), mesh.labels.values().end(), -1);
@@ -85,8 +88,16 @@ Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const
   if (mesh.float_positions) faults.Add(CheckFloatRounding(path, mesh.largest_coordinate_m, gsd_m));
   TESSERA_ASSIGN_OR_RETURN(const CoarseMesh coarse, CoarsenMesh(mesh.spans(), kCoverageClusters, scratch_folder));
   TESSERA_ASSIGN_OR_RETURN(const Coverage coverage, MeasureCoverage(scene, coarse.mesh, 1, control));
-  for (size_t i = 0; i < coverage.views.size(); ++i)
-    faults.Add(ViewVisibilityError(path, scene.views[i], coverage.views[i]));
+  if (faults.empty()) {
+    TaskControl silent = control;
+    silent.report = {};
+    TESSERA_ASSIGN_OR_RETURN(const JudgedFit judged,
+                             CheckFit(scene, {mesh.spans(), coarse.mesh, coarse.error_m}, gsd_m, silent, warnings));
+    faults.Add(judged.fault);
+    *fit = FitTableToJson(MakeFitTable(scene, judged.fit, nullptr), kReportedImages);
+    if (judged.has_reading) return faults.ToStatus();
+  }
+  AddVisibilityFaults(scene, coverage, &faults);
   return faults.ToStatus();
 }
 
@@ -137,7 +148,8 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
     return InputError(scene.mesh_path, "", "only degenerate faces", "at least one face with an area");
   if (survey.input_faces > kMaxFacesInMemory) {
     outcome.warnings.insert(outcome.warnings.end(), of_large_mesh.begin(), of_large_mesh.end());
-    TESSERA_RETURN_IF_ERROR(CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, control, &outcome.warnings));
+    TESSERA_RETURN_IF_ERROR(
+        CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, control, &outcome.warnings, &survey.fit));
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
 
@@ -175,6 +187,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(city_path));
   TESSERA_RETURN_IF_ERROR(ChooseViews(mesh.spans(), city, view_options, PartOf(control, 0.7, 0.98), scratch, &survey));
   FillViewDepths(&survey);
+  if (summary.fit) survey.fit = FitTableToJson(summary.fit_table, kReportedImages);
   survey.warnings = outcome.warnings;
 
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSurveyFile), SurveyToJson(survey)));

@@ -23,6 +23,7 @@ using nlohmann::json;
 constexpr size_t kFitPoints = 3000, kFitPairs = 48, kFitPatches = 60;  // of a tile; of a pair
 constexpr int64_t kFitPixels = 12'000'000;                             // larger crops are compared on a coarser level
 constexpr double kFitAngle_cos = 0.2;                                  // between normal and ray: 78 degrees
+constexpr double kLeastWorseShare = 0.01;                              // of the patches
 
 // A point of a face of the package.
 struct FacePoint {
@@ -151,7 +152,8 @@ void FitChange::Add(const FitChange& other) {
 
 bool FitChange::IsWorse() const {
   const auto difference = static_cast<double>(lost - gained);
-  return difference > 4 * std::sqrt(static_cast<double>(lost + gained));
+  return difference > 4 * std::sqrt(static_cast<double>(lost + gained)) &&
+         difference > kLeastWorseShare * static_cast<double>(patches);
 }
 
 StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images,

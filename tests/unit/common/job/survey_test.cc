@@ -48,6 +48,19 @@ TEST(Survey, JsonRoundTripKeepsEveryBit) {
   EXPECT_EQ(parsed->borders, MakeSurvey().borders);
 }
 
+TEST(Survey, FitIsKeptForTheReportAlone) {
+  EXPECT_EQ(SurveyToJson(MakeSurvey()).find("\"fit\""), std::string::npos);
+  Survey survey = MakeSurvey();
+  survey.fit = R"({"above_chance":0.5})";
+  const StatusOr<Survey> parsed = ParseSurvey(SurveyToJson(survey));
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->fit, survey.fit);
+  EXPECT_EQ(SurveyToJson(WithoutNames(survey)), SurveyToJson(WithoutNames(MakeSurvey())));
+  PublishParameters publish;
+  publish.fit = survey.fit;
+  EXPECT_EQ(ParsePublishParameters(ToJson(publish))->fit, survey.fit);
+}
+
 TEST(Survey, LabelPropertyIsKeptIfItIsSet) {
   EXPECT_EQ(SurveyToJson(MakeSurvey()).find("label_property"), std::string::npos);
   for (const char* const property : {"class", ""}) {
