@@ -229,6 +229,7 @@ static void from_json(const json& j, Survey& s) {
   s.vertices = j.at("vertices");
   s.faces = j.at("faces");
   j.at("warnings").get_to(s.warnings);
+  s.skipped_images = j.value("skipped_images", std::vector<std::pair<std::string, std::string>>());
   if (const json& revision = j.at("revision"); !revision.is_null()) {
     s.revision = {revision.at("first_new_face"), revision.at("cells").get<std::vector<std::array<int, 2>>>()};
   }
@@ -261,6 +262,7 @@ Survey WithoutNames(Survey survey) {
   survey.label_property.reset();
   survey.flights.clear();
   survey.warnings.clear();
+  survey.skipped_images.clear();
   survey.revision.reset();
   for (size_t v = 0; v < survey.views.size(); ++v) {
     SceneView& view = survey.views[v];
@@ -308,6 +310,7 @@ std::string SurveyToJson(const Survey& s) {
               {"warnings", s.warnings}};
   if (!s.classifier.empty()) out["classifier"] = s.classifier;
   if (s.label_property) out["label_property"] = *s.label_property;
+  if (!s.skipped_images.empty()) out["skipped_images"] = s.skipped_images;
   return out.dump();
 }
 

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/base/status.h"
@@ -62,6 +63,7 @@ struct Survey {
   int64_t vertices = 0, faces = 0;              // after repair and splitting
   std::optional<MeshRevision> revision;         // only for updates with another mesh than their base
   Warnings warnings;
+  std::vector<std::pair<std::string, std::string>> skipped_images = {};  // name and reason (SceneDescription::skipped)
 };
 
 // Whether the mesh over the cell differs from that of the base job.

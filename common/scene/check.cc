@@ -19,6 +19,7 @@
 #include "common/colmap/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
+#include "common/scene/skip_images.h"
 #include "common/storage/hash.h"
 
 namespace tessera {
@@ -50,13 +51,18 @@ double Median(std::vector<double>* values) {
 
 class SceneChecker {
  public:
-  SceneChecker(const SceneDescription& scene, int64_t max_mesh_faces, Warnings* warnings, Faults* faults,
-               const TaskControl& control)
-      : scene_(scene), max_mesh_faces_(max_mesh_faces), warnings_(*warnings), faults_(*faults), control_(control) {}
+  SceneChecker(const SceneLoadOptions& load, int64_t max_mesh_faces, Warnings* warnings, Faults* faults,
+               const TaskControl& control, SceneDescription* scene)
+      : load_(load),
+        scene_(*scene),
+        max_mesh_faces_(max_mesh_faces),
+        warnings_(*warnings),
+        faults_(*faults),
+        control_(control) {}
 
   StatusOr<SceneSummary> Check() {
-    Describe();
     CheckPixels();
+    Describe();
     TESSERA_RETURN_IF_ERROR(control_.Check());
     control_.Report(0.7, "mesh");
     TESSERA_RETURN_IF_ERROR(CheckMeshAndVisibility());
@@ -72,6 +78,7 @@ class SceneChecker {
     summary_.name = scene_.name;
     summary_.crs = CrsText(scene_.frame.crs());
     summary_.images = static_cast<int64_t>(scene_.views.size());
+    summary_.skipped = scene_.skipped;
     summary_.has_likelihoods = scene_.has_likelihoods;
     std::map<std::pair<int, int>, int64_t> sizes;
     for (const Flight& flight : scene_.flights) summary_.flights.push_back({flight, 0});
@@ -85,18 +92,19 @@ class SceneChecker {
     for (const SceneClass& entry : scene_.classes) summary_.classes.push_back({entry.name, 0, 0});
   }
 
-  // Decodes each image and each likelihood file once.
+  // Decodes each image and each likelihood file once. Removes the views of broken images that may be skipped.
   void CheckPixels() {
-    const int64_t views = summary_.images;
+    const auto views = static_cast<int64_t>(scene_.views.size());
     const int classes = static_cast<int>(scene_.classes.size());
     std::vector<StatusOr<PixelContent>> contents(views, PixelContent());
+    std::vector<Status> broken(views);
     BorderCounts borders(classes);
     std::mutex borders_mutex;
     std::atomic<int64_t> done = 0;
     ParallelForEach(views, 1, [&](int64_t i) {
       if (!control_.Check().ok()) return;
       BorderCounts of_view(classes);
-      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view);
+      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view, &broken[i]);
       {
         std::lock_guard lock(borders_mutex);
         borders.Add(of_view);
@@ -105,7 +113,15 @@ class SceneChecker {
       control_.Report(0.7 * static_cast<double>(now) / static_cast<double>(views),
                       absl::StrCat("images, ", now, " of ", views));
     });
-    for (const StatusOr<PixelContent>& content : contents) {
+    if (const Status skipped = SkipImages(broken, load_.skip_images, &warnings_, &scene_); skipped.ok()) {
+      KeepUsable(broken, &contents);
+      broken.assign(contents.size(), absl::OkStatus());
+    } else if (load_.skip_images > 0) {
+      faults_.Add(skipped);
+    }
+    for (size_t i = 0; i < contents.size(); ++i) {
+      const StatusOr<PixelContent>& content = contents[i];
+      faults_.Add(broken[i]);
       faults_.Add(content.status());
       summary_.contents.push_back(content.ok() ? *content : PixelContent());
     }
@@ -167,7 +183,13 @@ class SceneChecker {
     if (NeedsReading(fit, summary_.gsd_m)) {
       TESSERA_ASSIGN_OR_RETURN(reading, FindReading(scene_, mesh, fit, silent));
     }
-    faults_.Add(JudgeFit(scene_, fit, reading, summary_.gsd_m, &warnings_));
+    const Status judged = JudgeFit(scene_, fit, reading, summary_.gsd_m, &warnings_);
+    if (!judged.ok() && load_.anyway) {
+      warnings_.emplace_back(judged.message());
+    } else if (!judged.ok()) {
+      faults_.Add(judged);
+      faults_.Add(absl::InvalidArgumentError("to go on although images, poses and mesh do not fit: --anyway"));
+    }
     summary_.fit = std::move(fit);
     return absl::OkStatus();
   }
@@ -301,7 +323,8 @@ class SceneChecker {
     }
   }
 
-  const SceneDescription& scene_;
+  const SceneLoadOptions& load_;
+  SceneDescription& scene_;
   const int64_t max_mesh_faces_;
   Warnings& warnings_;
   Faults& faults_;
@@ -312,7 +335,7 @@ class SceneChecker {
 }  // namespace
 
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders) {
+                                        BorderCounts* borders, Status* broken) {
   PixelContent content;
   Faults faults;
   const auto take = [&faults](StatusOr<FloatImage> image, std::string* hash) -> FloatImage {
@@ -324,6 +347,10 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
   FloatImage luminance;
   if (!view.image_path.empty()) {
     luminance = take(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens), &content.image);
+    if (broken != nullptr && !faults.empty()) {
+      *broken = faults.ToStatus();
+      return PixelContent();
+    }
   }
   if (!view.likelihood_path.empty()) {
     if (borders == nullptr) luminance = FloatImage();  // release the image before the likelihoods are read
@@ -350,21 +377,26 @@ Status ViewVisibilityError(const std::string& mesh_path, const SceneView& view, 
   return absl::OkStatus();
 }
 
-StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
-  return CheckSceneFolder(path, SceneLoadOptions(), std::numeric_limits<int64_t>::max(), warnings, control);
+StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
+                                  Warnings* warnings, const TaskControl& control) {
+  Warnings unused;
+  if (warnings == nullptr) warnings = &unused;
+  Faults faults;
+  CheckedScene checked;
+  checked.scene = LoadSceneCollecting(path, load, warnings, &faults);
+  if (checked.scene.files.empty()) return faults.ToStatus();  // no scene.json
+  TESSERA_ASSIGN_OR_RETURN(checked.summary,
+                           SceneChecker(load, max_mesh_faces, warnings, &faults, control, &checked.scene).Check());
+  faults.Add(SkipAdvice(checked.scene));
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return checked;
 }
 
-StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
-                                        Warnings* warnings, const TaskControl& control) {
-  Faults faults;
-  const SceneDescription scene = LoadSceneCollecting(path, load, warnings, &faults);
-  if (scene.files.empty()) return faults.ToStatus();  // no scene.json
-  Warnings unused;
+StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
   TESSERA_ASSIGN_OR_RETURN(
-      SceneSummary summary,
-      SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, &faults, control).Check());
-  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
-  return summary;
+      CheckedScene checked,
+      CheckScene(path, SceneLoadOptions(), std::numeric_limits<int64_t>::max(), warnings, control));
+  return std::move(checked.summary);
 }
 
 }  // namespace tessera

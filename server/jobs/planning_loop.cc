@@ -134,7 +134,7 @@ Status PlanningLoop::PlanJob(const PendingStep& step) {
   if (HasEnded(job.header.state)) return absl::OkStatus();
   std::string error = "cannot plan the job: " + std::string(fault.message());
   for (const QuarantinedTile& tile : job.quarantined) error += "\n" + QuarantineText(job, tile);
-  return CommitEnd(core_, step.job, JobState::kFailed, error, {});
+  return CommitEnd(core_, step.job, JobState::kFailed, error, {}, 0, absl::IsInvalidArgument(fault));
 }
 
 Status PlanningLoop::EndJob(PendingStep step) {

@@ -241,6 +241,7 @@ class Graph {
     PublishParameters parameters;
     parameters.scene_name = survey_.scene_name;
     parameters.warnings = survey_.warnings;
+    parameters.skipped_images = survey_.skipped_images;
     PlannedTask task;
     task.kind = task.name = kPublishKind;
     SetCost(PredictPublish(survey_), &task);

@@ -1,8 +1,8 @@
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "common/geometry/coarse_mesh.h"
 #include "common/geometry/repair.h"
 #include "common/job/survey.h"
@@ -23,7 +23,6 @@
 namespace tessera {
 namespace {
 
-constexpr double kCellGsd = 64;  // rounded to a power of two in metres
 constexpr int64_t kCoverageClusters = 1 << 18;
 constexpr int kMinPairSamples = 4000, kPairSamplesPerView = 100, kMaxPairSamples = 100000;
 
@@ -74,7 +73,7 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
   std::sort(survey->pairs.begin(), survey->pairs.end());
 }
 
-// Reports mesh defects that CheckSceneFolder would report, for meshes that it leaves to ingest.
+// Reports mesh defects that CheckScene would report, for meshes that it leaves to ingest.
 Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const MeshDefects& defects, double gsd_m,
                       const std::string& scratch_folder, const TaskControl& control, Warnings* warnings) {
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
@@ -102,12 +101,14 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   SceneLoadOptions load;
   load.to_be_classified = parameters.classify;
   load.by_default_rule = parameters.by_default_rule;
-  // Reports all errors at once. Afterwards loading cannot fail because of the scene.
-  TESSERA_ASSIGN_OR_RETURN(const SceneSummary summary,
-                           CheckSceneFolder(InputPath(request, kSceneFolder), load, kMaxFacesInMemory,
-                                            &outcome.warnings, PartOf(control, 0, 0.3)));
-  Warnings repeated;
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(InputPath(request, kSceneFolder), &repeated, load));
+  load.skip_images = parameters.skip_images;
+  load.anyway = parameters.anyway;
+  // Reports all errors at once.
+  TESSERA_ASSIGN_OR_RETURN(CheckedScene checked,
+                           CheckScene(InputPath(request, kSceneFolder), load, kMaxFacesInMemory, &outcome.warnings,
+                                      PartOf(control, 0, 0.3)));
+  SceneDescription& scene = checked.scene;
+  const SceneSummary& summary = checked.summary;
   for (size_t v = 0; v < scene.views.size(); ++v) {
     SceneView& view = scene.views[v];
     view.camera = OnLocalGrid(view.camera);
@@ -155,7 +156,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   survey.mesh_path = scene.mesh_path;
   survey.label_property = scene.label_property;
   survey.up = scene.up_in_local;
-  survey.ground = MakeGroundPlane(survey.up, std::exp2(std::round(std::log2(kCellGsd * survey.gsd_m))));
+  survey.ground = MakeGroundPlane(survey.up, CellSide_m(survey.gsd_m));
   survey.views = scene.views;
   survey.flights = scene.flights;
   FillPairs(mesh.spans(), cameras, parameters, &survey);
@@ -175,7 +176,10 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(city_path));
   TESSERA_RETURN_IF_ERROR(ChooseViews(mesh.spans(), city, view_options, PartOf(control, 0.7, 0.98), scratch, &survey));
   FillViewDepths(&survey);
+  // The folder's path differs between workers.
+  for (std::string& warning : outcome.warnings) warning = absl::StrReplaceAll(warning, {{scene.folder + "/", ""}});
   survey.warnings = outcome.warnings;
+  for (const SkippedImage& image : scene.skipped) survey.skipped_images.emplace_back(image.name, image.reason);
 
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSurveyFile), SurveyToJson(survey)));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kPlainSurveyFile), SurveyToJson(WithoutNames(survey))));
