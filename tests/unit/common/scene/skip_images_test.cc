@@ -14,7 +14,6 @@ namespace tessera {
 namespace {
 
 using testing::AllOf;
-using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::Not;
 
@@ -24,7 +23,7 @@ constexpr double kOneOfFive = 0.2;
 
 class SkipImagesTest : public testing::Test {
  protected:
-  SkipImagesTest() { WriteTinyScene(folder_); }
+  SkipImagesTest() : views_(WriteTinyScene(folder_).cameras.size()) {}
 
   std::string Image(const std::string& name) const { return folder_ + "/images/" + name; }
   // Keeps the header and the first rows.
@@ -42,19 +41,19 @@ class SkipImagesTest : public testing::Test {
   }
 
   const std::string folder_ = FreshTestFolder("scene");
+  const size_t views_;
   Warnings warnings_;
 };
 
 TEST_F(SkipImagesTest, AMissingImageIsLeftOutAndListed) {
-  const size_t views = LoadScene(folder_, nullptr)->views.size();
   fs::remove(Image("view1.png"));
   EXPECT_THAT(Refusal(0), AllOf(HasSubstr("view1.png: found no such file"),
                                 HasSubstr("\nto leave out the 1 missing or broken images: --skip-images 0.")));
   const StatusOr<CheckedScene> checked = Check(kOneOfFive);
   ASSERT_TRUE(checked.ok()) << checked.status();
-  EXPECT_EQ(checked->scene.views.size(), views - 1);
-  EXPECT_EQ(checked->summary.images, static_cast<int64_t>(views) - 1);
-  EXPECT_EQ(checked->summary.contents.size(), views - 1);
+  EXPECT_EQ(checked->scene.views.size(), views_ - 1);
+  EXPECT_EQ(checked->summary.images, static_cast<int64_t>(views_) - 1);
+  EXPECT_EQ(checked->summary.contents.size(), views_ - 1);
   for (const SceneView& view : checked->scene.views) EXPECT_NE(view.name, "view1.png");
   EXPECT_EQ(checked->scene.views[1].likelihood_path, "likelihoods/view2.tif") << "lists of views stay aligned";
   ASSERT_EQ(checked->summary.skipped.size(), 1u);
@@ -84,12 +83,7 @@ TEST_F(SkipImagesTest, ABrokenImageIsLeftOutWhereverItIsFound) {
 TEST_F(SkipImagesTest, TheShareIsALimitOfBothKindsTogether) {
   fs::remove(Image("view1.png"));
   Truncate("view2.png");
-  const size_t views = 2 + LoadScene(folder_, nullptr, [] {
-                             SceneLoadOptions load;
-                             load.skip_images = 0.5;
-                             return load;
-                           }())->views.size() - 1;
-  EXPECT_THAT(Refusal(1.5 / static_cast<double>(views)),
+  EXPECT_THAT(Refusal(1.5 / static_cast<double>(views_)),
               AllOf(HasSubstr("images: found 2 of"), HasSubstr("(--skip-images)"), HasSubstr("view2.png")));
   const StatusOr<CheckedScene> checked = Check(0.5);
   ASSERT_TRUE(checked.ok()) << checked.status();
