@@ -63,6 +63,9 @@ class SceneChecker {
   StatusOr<SceneSummary> Check() {
     CheckPixels();
     Describe();
+    if (summary_.images == 2) {
+      warnings_.push_back("2 images: the mesh is refined only where both show it; 3 or more are better");
+    }
     TESSERA_RETURN_IF_ERROR(control_.Check());
     control_.Report(0.7, "mesh");
     TESSERA_RETURN_IF_ERROR(CheckMeshAndVisibility());

@@ -14,7 +14,8 @@ constexpr double kUsualShare = 0.1, kLargestAdvised = 0.5, kRoundingShare = 1e-9
 
 std::string ReasonOf(const Status& fault) {
   const std::vector<InputFault> parts = FaultsOf(fault);
-  return parts.empty() ? std::string(fault.message()) : parts.front().found;
+  if (parts.empty()) return std::string(fault.message());
+  return absl::StrCat(parts.front().location, parts.front().location.empty() ? "" : ": ", parts.front().found);
 }
 
 }  // namespace

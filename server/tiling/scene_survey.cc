@@ -15,7 +15,49 @@ namespace tessera {
 namespace {
 
 constexpr size_t kViewsOfCell = 40, kPartners = 4;
+constexpr size_t kSampledFaces = 50000;
+// As DensityOptions of worker/refine: squared length in pixels up to which edges stay, and how often they are halved.
+constexpr double kEdge_px2 = 16 * 2.3094010767585, kMaxHalvings = 8;
 constexpr double kNarrowest_cos = 0.99905, kWidest_cos = 0.7071;  // 2.5 and 45 degrees, as SelectPairs
+
+// Number of faces that a face is split into, from its longest projections.
+double PartsOf(const TriangleMesh& mesh, size_t face, const std::vector<SceneView>& views) {
+  double halvings = 0;
+  for (int k = 0; k < 3; ++k) {
+    double longest_px2 = 0;
+    for (const SceneView& view : views) {
+      const Eigen::Vector3d p = view.camera.Project(mesh.Corner(face, k));
+      const Eigen::Vector3d q = view.camera.Project(mesh.Corner(face, (k + 1) % 3));
+      if (!view.camera.InImage(p) || !view.camera.InImage(q)) continue;
+      longest_px2 = std::max(longest_px2, (p - q).head<2>().squaredNorm());
+    }
+    halvings += std::clamp(std::ceil(0.5 * std::log2(std::max(1.0, longest_px2 / kEdge_px2))), 0.0, kMaxHalvings) / 3;
+  }
+  return std::exp2(2 * halvings);
+}
+
+// Multiplies the faces of each cell by the mean parts of its sampled faces; cells without a sample by that of all.
+void SplitFaces(const TriangleMesh& mesh, const GroundPlane& ground, const std::vector<SceneView>& views,
+                std::vector<SurveyCell>* cells) {
+  const size_t stride = mesh.faces.size() / kSampledFaces + 1, samples = (mesh.faces.size() + stride - 1) / stride;
+  std::vector<double> parts(samples);
+  ParallelForEach(samples, 64, [&](int64_t i) { parts[i] = PartsOf(mesh, i * stride, views); });
+  std::map<std::pair<int, int>, std::pair<double, int64_t>> of_cell;  // sum and number
+  double sum = 0;
+  for (size_t i = 0; i < samples; ++i) {
+    const Eigen::Vector2i at = ground.Cell(MeshSpans(mesh).Centroid(i * stride));
+    auto& [sum_of_cell, count] = of_cell[{at.x(), at.y()}];
+    sum_of_cell += parts[i];
+    ++count;
+    sum += parts[i];
+  }
+  for (SurveyCell& cell : *cells) {
+    const auto found = of_cell.find({cell.x, cell.y});
+    const double mean = found == of_cell.end() ? sum / static_cast<double>(samples)
+                                               : found->second.first / static_cast<double>(found->second.second);
+    cell.faces = static_cast<int64_t>(mean * static_cast<double>(cell.faces));
+  }
+}
 
 std::vector<SurveyCell> CellsOfMesh(const TriangleMesh& mesh, const GroundPlane& ground) {
   std::map<std::pair<int, int>, SurveyCell> cells;  // by y, then x
@@ -96,9 +138,12 @@ Survey EstimateSurvey(const SceneDescription& scene, const TriangleMesh& mesh, d
   survey.classes = scene.classes;
   survey.has_likelihoods = scene.has_likelihoods;
   survey.has_labels = !mesh.labels.empty();
-  survey.vertices = survey.input_vertices = static_cast<int64_t>(mesh.vertices.size());
-  survey.faces = survey.input_faces = static_cast<int64_t>(mesh.faces.size());
+  survey.input_vertices = static_cast<int64_t>(mesh.vertices.size());
+  survey.input_faces = static_cast<int64_t>(mesh.faces.size());
   survey.cells = CellsOfMesh(mesh, survey.ground);
+  SplitFaces(mesh, survey.ground, survey.views, &survey.cells);
+  survey.faces = 0;
+  for (const SurveyCell& cell : survey.cells) survey.faces += cell.faces;
   ParallelForEach(survey.cells.size(), 16,
                   [&](int64_t i) { survey.cells[i].views = ViewsOfCell(survey.cells[i], survey.views); });
   survey.pairs = PairsOf(survey);

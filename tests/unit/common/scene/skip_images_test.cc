@@ -75,7 +75,7 @@ TEST_F(SkipImagesTest, ABrokenImageIsLeftOutWhereverItIsFound) {
   WriteText(Image("view2.png"), "");  // found when its header is read
   checked = Check(kOneOfFive);
   ASSERT_TRUE(checked.ok()) << checked.status();
-  EXPECT_EQ(checked->summary.skipped[0].reason, "an empty file");
+  EXPECT_EQ(checked->summary.skipped[0].reason, "byte 0: an empty file");
   // Every process gets the file, so that all leave it out for the same reason.
   EXPECT_THAT(checked->scene.files, testing::Contains("images/view2.png"));
 }
