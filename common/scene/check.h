@@ -80,8 +80,8 @@ struct CheckedScene {
 // Loads the scene (LoadScene), reads all its files and judges them, for all commands and jobs alike. INVALID_ARGUMENT
 // lists the errors, one per line, each with its file and location in it; continues with a partly readable scene. Adds
 // unusual but usable input to `warnings` (may be null). A mesh of more than `max_mesh_faces` triangles is not loaded;
-// the caller streams it. CANCELLED by `control`. Uses all threads; memory is bounded by the mesh plus one image with its
-// likelihoods per thread.
+// the caller streams it. CANCELLED by `control`. Uses all threads; memory is bounded by the mesh plus one image with
+// its likelihoods per thread.
 StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
                                   Warnings* warnings, const TaskControl& control);
 

@@ -85,7 +85,7 @@ StatusOr<int> WatchJob(Connection& connection, const std::string& job,
 // Shows progress on standard error.
 StatusOr<int> WatchJobWithProgress(Connection& connection, const std::string& job);
 
-// Prints "warning: ..." on standard error for each, shortened (ShortenMessages). Call it after the error if there is one.
+// Prints "warning: ..." on standard error for each, shortened (ShortenMessages). An error is printed before.
 template <class Warnings>
 void PrintWarnings(const Warnings& warnings) {
   for (const std::string& warning : ShortenMessages({warnings.begin(), warnings.end()})) {
