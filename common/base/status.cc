@@ -2,6 +2,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "common/base/message_list.h"
 #include "common/base/status_parts.h"
 
 namespace tessera {
@@ -48,7 +49,7 @@ void Faults::Add(const Status& status) {
 
 Status Faults::ToStatus() const {
   if (messages_.empty()) return absl::OkStatus();
-  Status error = absl::InvalidArgumentError(absl::StrJoin(messages_, "\n"));
+  Status error = absl::InvalidArgumentError(ShortenLines(absl::StrJoin(messages_, "\n")));
   if (!parts_.empty()) SetParts(error, kFaults, parts_);
   return error;
 }

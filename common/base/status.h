@@ -34,7 +34,7 @@ class Faults {
   void Add(const Status& status);
   bool empty() const { return messages_.empty(); }
   const std::vector<std::string>& messages() const { return messages_; }
-  // OK if there was no fault, else INVALID_ARGUMENT with one line per fault.
+  // OK if there was no fault, else INVALID_ARGUMENT with one line per fault, shortened (ShortenLines).
   Status ToStatus() const;
 
  private:

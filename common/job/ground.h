@@ -21,6 +21,12 @@ struct GroundPlane {
   }
 };
 
+// Side of the cells of a scene: about 64 GSD, a power of two in metres.
+inline double CellSide_m(double gsd_m) {
+  constexpr double kCellGsd = 64;
+  return std::exp2(std::round(std::log2(kCellGsd * gsd_m)));
+}
+
 // The ground plane perpendicular to the unit vector `up`.
 inline GroundPlane MakeGroundPlane(const Eigen::Vector3d& up, double cell_m) {
   GroundPlane ground;

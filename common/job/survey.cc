@@ -230,6 +230,7 @@ static void from_json(const json& j, Survey& s) {
   s.vertices = j.at("vertices");
   s.faces = j.at("faces");
   j.at("warnings").get_to(s.warnings);
+  s.skipped_images = j.value("skipped_images", std::vector<std::pair<std::string, std::string>>());
   if (const json& revision = j.at("revision"); !revision.is_null()) {
     s.revision = {revision.at("first_new_face"), revision.at("cells").get<std::vector<std::array<int, 2>>>()};
   }
@@ -263,6 +264,7 @@ Survey WithoutNames(Survey survey) {
   survey.flights.clear();
   survey.warnings.clear();
   survey.fit.clear();
+  survey.skipped_images.clear();
   survey.revision.reset();
   for (size_t v = 0; v < survey.views.size(); ++v) {
     SceneView& view = survey.views[v];
@@ -311,6 +313,7 @@ std::string SurveyToJson(const Survey& s) {
   if (!s.classifier.empty()) out["classifier"] = s.classifier;
   if (!s.fit.empty()) out["fit"] = s.fit;
   if (s.label_property) out["label_property"] = *s.label_property;
+  if (!s.skipped_images.empty()) out["skipped_images"] = s.skipped_images;
   return out.dump();
 }
 

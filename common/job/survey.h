@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/base/status.h"
@@ -64,6 +65,7 @@ struct Survey {
   // How images, poses and start mesh fit (FitTableToJson), of the base job in an update. Empty: not measured.
   std::string fit;
   Warnings warnings;
+  std::vector<std::pair<std::string, std::string>> skipped_images = {};  // name and reason (SceneDescription::skipped)
 };
 
 // Whether the mesh over the cell differs from that of the base job.

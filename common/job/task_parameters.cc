@@ -72,12 +72,16 @@ static void to_json(json& j, const IngestParameters& p) {
   if (p.partners) j["partners"] = *p.partners;
   if (p.views_per_direction) j["views_per_direction"] = *p.views_per_direction;
   if (p.classify) j["classify"] = p.by_default_rule ? "default" : "model";
+  if (p.skip_images > 0) j["skip_images"] = p.skip_images;
+  if (p.anyway) j["anyway"] = true;
 }
 static void from_json(const json& j, IngestParameters& p) {
   if (j.contains("partners")) p.partners = j.at("partners").get<int>();
   if (j.contains("views_per_direction")) p.views_per_direction = j.at("views_per_direction").get<int>();
   p.classify = j.contains("classify");
   p.by_default_rule = p.classify && j.at("classify").get<std::string>() == "default";
+  p.skip_images = j.value("skip_images", 0.0);
+  p.anyway = j.value("anyway", false);
 }
 
 static void to_json(json& j, const UpdateParameters& p) {
@@ -209,6 +213,7 @@ static void to_json(json& j, const PublishParameters& p) {
   if (p.outdated) j["outdated"] = true;
   if (!p.quarantined.empty()) j["set_aside"] = p.quarantined;
   if (p.flip_edges) j["flip_edges"] = true;
+  if (!p.skipped_images.empty()) j["skipped_images"] = p.skipped_images;
 }
 static void from_json(const json& j, PublishParameters& p) {
   j.at("tiles").get_to(p.tiles);
@@ -220,6 +225,7 @@ static void from_json(const json& j, PublishParameters& p) {
   p.outdated = j.value("outdated", false);
   p.quarantined = j.value("set_aside", std::vector<int>());
   p.flip_edges = j.value("flip_edges", false);
+  p.skipped_images = j.value("skipped_images", std::vector<std::pair<std::string, std::string>>());
 }
 
 std::string ChangeBlockFile(const CellRect& cells) {

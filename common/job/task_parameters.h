@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/base/status.h"
@@ -59,6 +60,8 @@ struct IngestParameters {
   std::optional<int> views_per_direction;  // maximum number of views per ground cell and direction
   bool classify = false;                   // the job computes likelihoods and ignores those of the scene
   bool by_default_rule = false;            // with the default rule instead of kClassifierFile
+  double skip_images = 0;                  // as in SceneLoadOptions
+  bool anyway = false;
 };
 
 // Parameters of update, which extends the survey of the base job by new images.
@@ -167,6 +170,7 @@ struct PublishParameters {
   std::vector<std::string> view_names = {};  // of the survey's views; empty if they are too long
   std::vector<std::string> warnings = {};
   std::string fit = {};               // Survey::fit, for the report
+  std::vector<std::pair<std::string, std::string>> skipped_images = {};  // name and reason; for the report
   bool outdated = false;              // kOutdatedFile is among the inputs
   std::vector<int> quarantined = {};  // tiles whose refinement failed, ascending; they have their previous state
   bool flip_edges = false;            // flip edges where that makes creases straight

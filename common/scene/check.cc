@@ -18,6 +18,7 @@
 #include "common/meshio/mesh_format.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
+#include "common/scene/skip_images.h"
 #include "common/scene/tie_points.h"
 #include "common/storage/hash.h"
 
@@ -44,13 +45,21 @@ std::string CrsText(const Crs& crs) {
 
 class SceneChecker {
  public:
-  SceneChecker(const SceneDescription& scene, int64_t max_mesh_faces, Warnings* warnings, Faults* faults,
-               const TaskControl& control)
-      : scene_(scene), max_mesh_faces_(max_mesh_faces), warnings_(*warnings), faults_(*faults), control_(control) {}
+  SceneChecker(const SceneLoadOptions& load, int64_t max_mesh_faces, Warnings* warnings, Faults* faults,
+               const TaskControl& control, SceneDescription* scene)
+      : load_(load),
+        scene_(*scene),
+        max_mesh_faces_(max_mesh_faces),
+        warnings_(*warnings),
+        faults_(*faults),
+        control_(control) {}
 
   StatusOr<SceneSummary> Check() {
-    Describe();
     CheckPixels();
+    Describe();
+    if (summary_.images == 2) {
+      warnings_.push_back("2 images: the mesh is refined only where both show it; 3 or more are better");
+    }
     TESSERA_RETURN_IF_ERROR(control_.Check());
     control_.Report(0.7, "mesh");
     TESSERA_RETURN_IF_ERROR(CheckMeshAndVisibility());
@@ -69,6 +78,7 @@ class SceneChecker {
     summary_.name = scene_.name;
     summary_.crs = CrsText(scene_.frame.crs());
     summary_.images = static_cast<int64_t>(scene_.views.size());
+    summary_.skipped = scene_.skipped;
     summary_.has_likelihoods = scene_.has_likelihoods;
     std::map<std::pair<int, int>, int64_t> sizes;
     for (const Flight& flight : scene_.flights) summary_.flights.push_back({flight, 0});
@@ -82,18 +92,19 @@ class SceneChecker {
     for (const SceneClass& entry : scene_.classes) summary_.classes.push_back({entry.name, 0, 0});
   }
 
-  // Decodes each image and each likelihood file once.
+  // Decodes each image and each likelihood file once. Removes the views of broken images that may be skipped.
   void CheckPixels() {
-    const int64_t views = summary_.images;
+    const auto views = static_cast<int64_t>(scene_.views.size());
     const int classes = static_cast<int>(scene_.classes.size());
     std::vector<StatusOr<PixelContent>> contents(views, PixelContent());
+    std::vector<Status> broken(views);
     BorderCounts borders(classes);
     std::mutex borders_mutex;
     std::atomic<int64_t> done = 0;
     ParallelForEach(views, 1, [&](int64_t i) {
       if (!control_.Check().ok()) return;
       BorderCounts of_view(classes);
-      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view);
+      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view, &broken[i]);
       {
         std::lock_guard lock(borders_mutex);
         borders.Add(of_view);
@@ -102,7 +113,15 @@ class SceneChecker {
       control_.Report(0.7 * static_cast<double>(now) / static_cast<double>(views),
                       absl::StrCat("images, ", now, " of ", views));
     });
-    for (const StatusOr<PixelContent>& content : contents) {
+    if (const Status skipped = SkipImages(broken, load_.skip_images, &warnings_, &scene_); skipped.ok()) {
+      KeepUsable(broken, &contents);
+      broken.assign(contents.size(), absl::OkStatus());
+    } else if (load_.skip_images > 0) {
+      faults_.Add(skipped);
+    }
+    for (size_t i = 0; i < contents.size(); ++i) {
+      const StatusOr<PixelContent>& content = contents[i];
+      faults_.Add(broken[i]);
       faults_.Add(content.status());
       summary_.contents.push_back(content.ok() ? *content : PixelContent());
     }
@@ -159,7 +178,7 @@ class SceneChecker {
     TaskControl silent = control_;
     silent.report = {};
     TESSERA_ASSIGN_OR_RETURN(JudgedFit judged, tessera::CheckFit(scene_, mesh, summary_.gsd_m, silent, &warnings_));
-    faults_.Add(judged.fault);
+    AddFitFault(judged, load_.anyway, &faults_, &warnings_);
     summary_.fit = std::move(judged.fit);
     return judged.has_reading;
   }
@@ -225,7 +244,8 @@ class SceneChecker {
     summary_.tie_points = std::move(figures);
   }
 
-  const SceneDescription& scene_;
+  const SceneLoadOptions& load_;
+  SceneDescription& scene_;
   const int64_t max_mesh_faces_;
   Warnings& warnings_;
   Faults& faults_;
@@ -237,7 +257,7 @@ class SceneChecker {
 }  // namespace
 
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders) {
+                                        BorderCounts* borders, Status* broken) {
   PixelContent content;
   Faults faults;
   const auto take = [&faults](StatusOr<FloatImage> image, std::string* hash) -> FloatImage {
@@ -249,6 +269,10 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
   FloatImage luminance;
   if (!view.image_path.empty()) {
     luminance = take(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens), &content.image);
+    if (broken != nullptr && !faults.empty()) {
+      *broken = faults.ToStatus();
+      return PixelContent();
+    }
   }
   if (!view.likelihood_path.empty()) {
     if (borders == nullptr) luminance = FloatImage();  // release the image before the likelihoods are read
@@ -260,21 +284,26 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
   return content;
 }
 
-StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
-  return CheckSceneFolder(path, SceneLoadOptions(), std::numeric_limits<int64_t>::max(), warnings, control);
+StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
+                                  Warnings* warnings, const TaskControl& control) {
+  Warnings unused;
+  if (warnings == nullptr) warnings = &unused;
+  Faults faults;
+  CheckedScene checked;
+  checked.scene = LoadSceneCollecting(path, load, warnings, &faults);
+  if (checked.scene.files.empty()) return faults.ToStatus();  // no scene.json
+  TESSERA_ASSIGN_OR_RETURN(checked.summary,
+                           SceneChecker(load, max_mesh_faces, warnings, &faults, control, &checked.scene).Check());
+  faults.Add(SkipAdvice(checked.scene));
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return checked;
 }
 
-StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
-                                        Warnings* warnings, const TaskControl& control) {
-  Faults faults;
-  const SceneDescription scene = LoadSceneCollecting(path, load, warnings, &faults);
-  if (scene.files.empty()) return faults.ToStatus();  // no scene.json
-  Warnings unused;
+StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
   TESSERA_ASSIGN_OR_RETURN(
-      SceneSummary summary,
-      SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, &faults, control).Check());
-  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
-  return summary;
+      CheckedScene checked,
+      CheckScene(path, SceneLoadOptions(), std::numeric_limits<int64_t>::max(), warnings, control));
+  return std::move(checked.summary);
 }
 
 }  // namespace tessera

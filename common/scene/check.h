@@ -23,9 +23,10 @@ struct PixelContent {
 };
 
 // Decodes the view's image and its likelihoods of `classes` classes, below `folder`. INVALID_ARGUMENT lists the errors
-// of both. `borders` (for `classes` classes; may be null) receives the view's border counts.
+// of both. `borders` (for `classes` classes; may be null) receives the view's border counts. `broken` (may be null)
+// receives an error of the image instead; then the content is empty.
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders = nullptr);
+                                        BorderCounts* borders = nullptr, Status* broken = nullptr);
 
 struct SceneSummary {
   struct SizeCount {
@@ -47,7 +48,8 @@ struct SceneSummary {
   std::optional<double> lat_deg, lon_deg;  // of the mesh's centre; none: not georeferenced
   std::vector<SizeCount> sizes;
   std::vector<FlightCount> flights;
-  int64_t images = 0;
+  int64_t images = 0;                // used
+  std::vector<SkippedImage> skipped;
   bool has_likelihoods = false;
   double gsd_m = 0;
   int64_t vertices = 0, faces = 0;
@@ -67,15 +69,21 @@ struct SceneSummary {
   FitTable fit_table;                         // of `fit`
 };
 
-// Loads the scene (LoadScene) and reads all its files. INVALID_ARGUMENT lists all errors, one per line, each with its
-// file and location in it; continues with a partly readable scene. Adds unusual but usable input to `warnings`.
-// CANCELLED by `control`. Uses all threads; memory is bounded by the mesh plus one image with its likelihoods per
-// thread.
-StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);
+struct CheckedScene {
+  SceneDescription scene;  // without the images that are skipped
+  SceneSummary summary;
+};
 
-// The same with load options. A mesh of more than `max_mesh_faces` triangles is not loaded; the caller streams it.
-StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
-                                        Warnings* warnings, const TaskControl& control);
+// Loads the scene (LoadScene), reads all its files and judges them, for all commands and jobs alike. INVALID_ARGUMENT
+// lists the errors, one per line, each with its file and location in it; continues with a partly readable scene. Adds
+// unusual but usable input to `warnings` (may be null). A mesh of more than `max_mesh_faces` triangles is not loaded;
+// the caller streams it. CANCELLED by `control`. Uses all threads; memory is bounded by the mesh plus one image with
+// its likelihoods per thread.
+StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
+                                  Warnings* warnings, const TaskControl& control);
+
+// The summary of CheckScene, with a mesh of any size and default options.
+StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);
 
 // INVALID_ARGUMENT if 32-bit floats round coordinates of size `largest_m` by more than gsd_m / 100.
 Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double gsd_m);
@@ -85,8 +93,9 @@ Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double
 Status CheckFaceLabel(const SceneDescription& scene, const std::string& mesh_path, size_t face, int32_t label,
                       const std::string& label_property);
 
-// The summary as a table, and as JSON with units in the keys.
+// The summary as a table, and as JSON with units in the keys. Of a refused scene: its errors and warnings.
 std::string SummaryToText(const SceneSummary& summary);
 std::string SummaryToJson(const SceneSummary& summary, const Warnings& warnings);
+std::string RefusalToJson(const Status& error, const Warnings& warnings);
 
 }  // namespace tessera

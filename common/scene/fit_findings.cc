@@ -138,6 +138,16 @@ StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& su
   return judged;
 }
 
+void AddFitFault(const JudgedFit& judged, bool anyway, Faults* faults, Warnings* warnings) {
+  if (judged.fault.ok()) return;
+  if (anyway) {
+    warnings->emplace_back(judged.fault.message());
+    return;
+  }
+  faults->Add(judged.fault);
+  faults->Add(absl::InvalidArgumentError("to go on although images, poses and mesh do not fit: --anyway"));
+}
+
 FitTable MakeFitTable(const SceneDescription& scene, const SceneFit& fit, const TiePointFigures* tie_points) {
   FitTable table;
   table.all = fit.all;

@@ -31,6 +31,9 @@ struct JudgedFit {
 StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m,
                              const TaskControl& control, Warnings* warnings);
 
+// Adds the fault to `faults`, with the option that makes it a warning; `anyway`: to `warnings`.
+void AddFitFault(const JudgedFit& judged, bool anyway, Faults* faults, Warnings* warnings);
+
 // The fit by camera and by image.
 struct FitTable {
   struct Row {

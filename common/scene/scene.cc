@@ -15,6 +15,7 @@
 #include "common/colmap/colmap.h"
 #include "common/scene/image_files.h"
 #include "common/scene/scene_json.h"
+#include "common/scene/skip_images.h"
 #include "common/storage/files.h"
 #include "common/storage/lfs_pointer.h"
 
@@ -145,7 +146,7 @@ class SceneLoader {
     std::vector<std::string> paths(scene_.views.size());  // of the files to check; relative to the scene's folder
     std::vector<std::string> missing, hints;
     std::map<std::string, size_t> view_of_file;
-    std::vector<Status> of_names;
+    std::vector<Status> of_names, broken(scene_.views.size());  // broken: errors of single files
     for (size_t i = 0; i < scene_.views.size(); ++i) {
       SceneView& view = scene_.views[i];
       const bool has_file = !found.files[i].empty();
@@ -155,6 +156,7 @@ class SceneLoader {
         of_names.push_back(InputError(Full(json_.cameras.path), "images", absl::StrCat("the name '", view.name, "'"),
                                       "a name inside the images folder"));
       } else if (!has_file) {
+        broken[i] = InputError(Full(*inside), "", "no such file", "an image");
         missing.push_back(view.name);
         hints.push_back(found.hints[i]);
       } else if (const auto [first, is_new] = view_of_file.emplace(*inside, i); !is_new) {
@@ -167,14 +169,24 @@ class SceneLoader {
         paths[i] = *inside;
       }
     }
+    std::vector<Status> checked(scene_.views.size());
+    ParallelForEach(scene_.views.size(), 1, [&](size_t i) {
+      if (!paths[i].empty()) checked[i] = CheckImage(paths[i], scene_.views[i], &broken[i]);
+    });
+    if (const Status skipped = SkipImages(broken, options_.skip_images, warnings_, &scene_); skipped.ok()) {
+      for (size_t i = 0; i < broken.size(); ++i) {
+        if (!broken[i].ok() && !paths[i].empty()) scene_.files.push_back(paths[i]);
+      }
+      for (auto* list : {&paths, &model_names_}) KeepUsable(broken, list);
+      KeepUsable(broken, &checked);
+      missing.clear();
+    } else if (options_.skip_images > 0) {
+      faults_.Add(skipped);
+    }
     if (!missing.empty()) {
       faults_.Add(MissingImagesError(Full(json_.images.path), missing, hints, scene_.views.size()));
     }
     for (const Status& fault : of_names) faults_.Add(fault);
-    std::vector<Status> checked(scene_.views.size());
-    ParallelForEach(scene_.views.size(), 1, [&](size_t i) {
-      if (!paths[i].empty()) checked[i] = CheckImage(paths[i], scene_.views[i]);
-    });
     for (size_t i = 0; i < checked.size(); ++i) {
       faults_.Add(checked[i]);
       if (paths[i].empty() || !checked[i].ok()) continue;
@@ -201,7 +213,8 @@ class SceneLoader {
   }
 
   // Compares the size in the header of the image at `inside`, relative to the scene's folder, with the view's camera.
-  Status CheckImage(const std::string& inside, const SceneView& view) const {
+  // `broken`: receives the error if the header cannot be read.
+  Status CheckImage(const std::string& inside, const SceneView& view, Status* broken) const {
     if (options_.elsewhere.contains(inside)) return absl::OkStatus();
     const std::string path = Full(inside);
     const StatusOr<AllowedFile> file = options_.allowed.Open(path);
@@ -211,7 +224,7 @@ class SceneLoader {
                  : file.status();
     }
     const StatusOr<ImageSize> size = ReadImageSize(file->path());
-    if (!size.ok()) return Named(size.status(), *file, path);
+    if (!size.ok()) return *broken = Named(size.status(), *file, path);
     if (size->width == view.lens.pinhole.width && size->height == view.lens.pinhole.height) return absl::OkStatus();
     return InputError(
         path, "", absl::StrCat(size->width, " x ", size->height, " pixels"),
@@ -423,6 +436,7 @@ SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOpt
 StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings, const SceneLoadOptions& options) {
   Faults faults;
   SceneDescription scene = LoadSceneCollecting(path, options, warnings, &faults);
+  faults.Add(SkipAdvice(scene));
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return scene;
 }

@@ -46,6 +46,11 @@ struct SceneView {
   bool withdrawn = false;  // a view of the base job that is no longer used; it keeps its index
 };
 
+// An image of the camera model that is left out. `reason`: what is wrong with its file, such as "no such file".
+struct SkippedImage {
+  std::string name, reason;
+};
+
 // A scene without its pixels and its mesh.
 struct SceneDescription {
   std::string folder;  // paths below are relative to it
@@ -62,6 +67,8 @@ struct SceneDescription {
   bool has_likelihoods = false;
   bool mesh_has_labels = false;
   std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
+  std::vector<SkippedImage> skipped;  // images without a view, if SceneLoadOptions::skip_images allows them
+  int64_t unusable_images = 0;        // images whose files are missing or broken and are not skipped
 };
 
 // The names of the scene's classes, in order.
@@ -71,7 +78,7 @@ std::vector<std::string> ClassNames(const SceneDescription& scene);
 // its extension, or the whole name if two images differ in their extensions only.
 std::vector<std::string> ViewStems(const SceneDescription& scene);
 
-// Options for scenes of updates, which continue a base job.
+// The first three are for scenes of updates, which continue a base job.
 struct SceneLoadOptions {
   // Paths of files that are stored elsewhere and already validated: they need not exist in the folder.
   std::set<std::string> elsewhere = {};
@@ -83,6 +90,10 @@ struct SceneLoadOptions {
   // ignored. `by_default_rule`: it uses the default rule instead of a trained classifier, which adds a warning.
   bool to_be_classified = false, by_default_rule = false;
   AllowedFiles allowed = AllowedFiles::All();  // only these files may be opened
+  // Largest share of the images that may be left out because their files are missing or cannot be decoded; 0: they are
+  // errors. Files that exist stay among SceneDescription::files, so that every process leaves out the same images.
+  double skip_images = 0;
+  bool anyway = false;  // CheckScene warns where images, poses and mesh do not fit, instead of refusing
 };
 
 // Reads scene.json, the camera model and the list of files. `path` is the scene's folder or its scene.json.

@@ -3,6 +3,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
 #include "common/scene/check.h"
 #include "common/scene/fit_findings.h"
 
@@ -11,6 +12,11 @@ namespace {
 
 std::string AreaText(double m2) {
   return m2 >= 1e5 ? absl::StrFormat("%.3f km2", m2 / 1e6) : absl::StrFormat("%.1f m2", m2);
+}
+
+// Text from files may not be UTF-8.
+std::string Written(const nlohmann::ordered_json& json) {
+  return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace
@@ -27,6 +33,7 @@ std::string SummaryToText(const SceneSummary& s) {
     absl::StrAppend(&sizes, sizes.empty() ? "" : ", ", size.images, " of ", size.width, " x ", size.height);
   }
   row("images", absl::StrCat(s.images, " (", sizes, ")"));
+  if (!s.skipped.empty()) row("left out", absl::StrCat(s.skipped.size(), " images, missing or broken"));
   for (const SceneSummary::FlightCount& entry : s.flights) {
     row("flight", absl::StrCat(entry.flight.name, entry.flight.date.empty() ? "" : ", ", entry.flight.date, ": ",
                                entry.images, " images"));
@@ -69,6 +76,10 @@ std::string SummaryToJson(const SceneSummary& s, const Warnings& warnings) {
   json["crs"] = s.crs;
   if (s.lat_deg) json["centre"] = {{"lat_deg", *s.lat_deg}, {"lon_deg", *s.lon_deg}};
   json["images"] = s.images;
+  json["skipped_images"] = nlohmann::ordered_json::array();
+  for (const SkippedImage& image : s.skipped) {
+    json["skipped_images"].push_back({{"name", image.name}, {"reason", image.reason}});
+  }
   json["sizes"] = nlohmann::ordered_json::array();
   for (const auto& size : s.sizes) {
     json["sizes"].push_back({{"width_px", size.width}, {"height_px", size.height}, {"images", size.images}});
@@ -109,7 +120,15 @@ std::string SummaryToJson(const SceneSummary& s, const Warnings& warnings) {
     }
   }
   json["warnings"] = warnings;
-  return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  return Written(json);
+}
+
+std::string RefusalToJson(const Status& error, const Warnings& warnings) {
+  nlohmann::ordered_json json;
+  const std::vector<std::string> errors = absl::StrSplit(std::string(error.message()), '\n');
+  json["errors"] = errors;
+  json["warnings"] = warnings;
+  return Written(json);
 }
 
 }  // namespace tessera

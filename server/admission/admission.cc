@@ -80,6 +80,7 @@ Status Admission::AddScene(const Submission& submission, const Cancelled& cancel
         "scenes cannot be submitted over the network; start tesserad with --scene-root FOLDER to allow it");
   }
   SceneRequest request = {job.settings.update.base.empty(), job.settings.classifier};
+  request.skip_images = job.settings.skip_images;
   if (!request.needs_mesh) {
     TESSERA_ASSIGN_OR_RETURN(const JobStatus base, environment_.jobs->GetJob(job.settings.update.base));
     request.base_classifies = Classifies(base.header.settings);

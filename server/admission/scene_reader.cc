@@ -36,6 +36,7 @@ StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& re
   SceneLoadOptions options;
   options.needs_mesh = request.needs_mesh;
   options.allowed = allowed;
+  options.skip_images = request.skip_images;
   listing.classifier = request.classifier;
   if (listing.classifier == kNoClassifier) listing.classifier.clear();
   const auto load = [&]() -> StatusOr<SceneDescription> {

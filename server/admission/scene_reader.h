@@ -14,6 +14,7 @@ struct SceneRequest {
   bool needs_mesh = true;        // false: the scene adds images to a base job's
   std::string classifier;        // as in JobSettings
   bool base_classifies = false;  // the base job computes likelihoods, so those of the scene are not read
+  double skip_images = 0;        // as in JobSettings
 };
 
 struct SceneListing {

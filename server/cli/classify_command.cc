@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <iostream>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -15,6 +16,7 @@
 #include "common/classify/classify_report.h"
 #include "common/classify/classify_scene.h"
 #include "common/classify/training.h"
+#include "common/scene/check.h"
 #include "common/scene/scene.h"
 #include "common/scene/scene_json.h"
 #include "common/storage/files.h"
@@ -28,11 +30,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr double kCheckedShare = 0.1;  // of the progress
+
 struct ClassifyArguments {
   std::string scene, out;
   std::string train, model, save_model;
   std::string mesh;  // replaces the scene's mesh
   uint64_t seed = 1;
+  double skip_images = 0;
+  bool anyway = false;
   int threads = 0;
   bool quiet = false;
 };
@@ -41,20 +47,29 @@ std::string SceneFileOf(const std::string& path) {
   return fs::is_directory(path) ? (fs::path(path) / "scene.json").string() : path;
 }
 
-Status Classify(const ClassifyArguments& arguments, const TaskControl& control, std::string* text) {
+Status Classify(const ClassifyArguments& arguments, const TaskControl& control, std::string* text,
+                Warnings* warnings) {
   const ThreadLimit limit(arguments.threads);
   TESSERA_RETURN_IF_ERROR(CheckClassifiedFolder(arguments.out));
   ClassifyReport report;
   SceneLoadOptions load;
   load.all_classes = true;
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(arguments.scene, &report.warnings, load));
+  load.skip_images = arguments.skip_images;
+  load.anyway = arguments.anyway;
+  StatusOr<CheckedScene> checked = CheckScene(arguments.scene, load, std::numeric_limits<int64_t>::max(),
+                                              &report.warnings, PartOf(control, 0, kCheckedShare));
+  *warnings = report.warnings;
+  TESSERA_RETURN_IF_ERROR(checked.status());
+  SceneDescription& scene = checked->scene;
   if (!arguments.mesh.empty()) {
     std::error_code error;
     scene.mesh_path = fs::relative(arguments.mesh, scene.folder, error).string();
     if (error) return InputError(arguments.mesh, "", error.message(), "a mesh in the scene's coordinates");
     scene.label_property.reset();  // it is that of the scene's mesh
   }
-  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, LoadSceneMesh(scene, 0, &report.warnings));
+  Warnings repeated;
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh,
+                           LoadSceneMesh(scene, 0, arguments.mesh.empty() ? &repeated : &report.warnings));
   if (mesh.faces.empty()) return InputError(scene.mesh_path, "", "no faces", "at least one");
   TESSERA_ASSIGN_OR_RETURN(report.gsd_m, MedianGsd(scene, mesh));
   report.scene = &scene;
@@ -82,12 +97,12 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
     use.rule = &*rule;
   }
 
-  control.Report(0, "reading the mesh");
+  control.Report(kCheckedShare, "reading the mesh");
   const MeshSurface surface(mesh, scene.up_in_local, report.gsd_m);
   std::optional<TrainedClassifier> trained;
   if (annotations) {
     const TaskUsageMeter meter;
-    const TaskControl part = PartOf(control, 0.02, 0.5);
+    const TaskControl part = PartOf(control, kCheckedShare, 0.5);
     TrainingOptions options;
     options.seed = arguments.seed;
     TESSERA_ASSIGN_OR_RETURN(trained, TrainClassifier(scene, *annotations, surface, report.gsd_m, options, part));
@@ -97,7 +112,7 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
     use.annotations = report.annotations = &*annotations;
   }
   const TaskUsageMeter meter;
-  const TaskControl part = PartOf(control, annotations ? 0.5 : 0.02, 1);
+  const TaskControl part = PartOf(control, annotations ? 0.5 : kCheckedShare, 1);
   TESSERA_ASSIGN_OR_RETURN(const ClassifiedScene classified, ClassifyScene(scene, surface, use, arguments.out, part));
   report.classify_cpu_s = meter.Read().core_seconds;
   report.classified = &classified;
@@ -106,7 +121,7 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
     TESSERA_RETURN_IF_ERROR(WriteOutput(arguments.save_model, SerializeModel(*use.model)));
   TESSERA_RETURN_IF_ERROR(WriteOutput((fs::path(arguments.out) / "report.json").string(), ClassifyJson(report)));
   *text = ClassifyText(report);
-  PrintWarnings(report.warnings);
+  *warnings = report.warnings;
   return absl::OkStatus();
 }
 
@@ -124,6 +139,7 @@ void AddClassifyCommand(CLI::App& app, int* exit_code) {
   command->add_option("--save-model", arguments->save_model, "Also write the trained model to this file")->needs(train);
   command->add_option("--mesh", arguments->mesh,
                       "Mesh to use instead of the scene's, such as a refined one for better features; OUT uses it too");
+  AddSceneOptions(*command, &arguments->skip_images, &arguments->anyway);
   command->add_option("--seed", arguments->seed, "Seed of the sampled training pixels")->capture_default_str();
   command
       ->add_option("--threads", arguments->threads,
@@ -150,18 +166,21 @@ void AddClassifyCommand(CLI::App& app, int* exit_code) {
     InstallInterruptCounter();
     Status status;
     std::string text;
+    Warnings warnings;
     {
       StageLine line(!arguments->quiet);
       TaskControl control;
       control.report = [&](double fraction, const std::string& stage) { line.Show(fraction, stage); };
       control.cancelled = [] { return Interrupts() > 0; };
-      status = Classify(*arguments, control, &text);
+      status = Classify(*arguments, control, &text, &warnings);
     }
     if (status.ok()) {
+      PrintWarnings(warnings);
       if (!arguments->quiet) std::cout << text << std::flush;
       return;
     }
     *exit_code = ReportError("classify", status);
+    PrintWarnings(warnings);
     if (absl::IsAlreadyExists(status)) *exit_code = kExitUsage;
     if (absl::IsFailedPrecondition(status) || absl::IsDataLoss(status)) *exit_code = kExitBadInput;
   });

@@ -82,18 +82,33 @@ void AddTlsOptions(CLI::App& command, Endpoint* endpoint) {
   }
 }
 
-void AddJobOptions(CLI::App& command, JobFlags* flags) {
-  command.add_option("SCENE", flags->scene, "Folder with a scene.json")->required();
+void AddTileOptions(CLI::App& command, JobSettings* settings) {
   command
-      .add_option("--tiles", flags->settings.tiles,
+      .add_option("--tiles", settings->tiles,
                   absl::StrCat("Number of tiles, 1 (untiled) to ", kMaxTiles, "; 0: as many as --tile-memory requires"))
       ->capture_default_str();
   command
       .add_option(
-          "--tile-memory", flags->settings.tile_memory_bytes,
+          "--tile-memory", settings->tile_memory_bytes,
           "Largest memory of a worker for one tile; larger tiles are split (default 4GiB, or no limit with --tiles)")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/true))
       ->type_name("BYTES|MiB|GiB");
+}
+
+void AddSceneOptions(CLI::App& command, double* skip_images, bool* anyway) {
+  command
+      .add_option("--skip-images", *skip_images,
+                  "Leave out images whose files are missing or broken, up to this share of all images: 0.1 is 10 %; "
+                  "they are listed in the warnings and in report.json. Without it they are errors")
+      ->check(CLI::Range(0.0, kMaxSkippedShare))
+      ->type_name("SHARE");
+  command.add_flag("--anyway", *anyway,
+                   "Go on, with a warning, although the images match through the mesh no better than by chance");
+}
+
+void AddJobOptions(CLI::App& command, JobFlags* flags) {
+  command.add_option("SCENE", flags->scene, "Folder with a scene.json")->required();
+  AddTileOptions(command, &flags->settings);
   command
       .add_option("--classifier", flags->settings.classifier,
                   "Source of class likelihoods: a model file of `tessera classify --save-model`; default (geometry and "
@@ -104,6 +119,7 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
         return is_path ? AbsolutePath(given) : given;
       })
       ->type_name("MODEL|default|none");
+  AddSceneOptions(command, &flags->settings.skip_images, &flags->settings.anyway);
   AddMethodOptions(command, &flags->settings);
   command.parse_complete_callback([flags] {
     const Status status = CheckJobSettings(flags->settings);
@@ -249,7 +265,10 @@ int ReportError(const std::string& command, const Status& status) {
 int ExitCodeOfJob(const v1::Job& job, bool bad_input) {
   if (job.state() == v1::JOB_STATE_SUCCEEDED) return kExitOk;
   const std::string why = job.error().empty() ? "" : ":\n" + job.error();
-  std::fprintf(stderr, "%s %s%s\n", job.name().c_str(), JobStateName(job.state()).c_str(), PrintableLines(why).c_str());
+  // Paths in errors of tasks are relative to the scene.
+  const std::string scene = job.error().empty() || job.scene_path().empty() ? "" : " (scene " + job.scene_path() + ")";
+  std::fprintf(stderr, "%s %s%s%s\n", job.name().c_str(), JobStateName(job.state()).c_str(),
+               PrintableLines(scene).c_str(), PrintableLines(why).c_str());
   if (job.state() == v1::JOB_STATE_CANCELLED) return kExitCancelled;
   if (job.state() == v1::JOB_STATE_PARTIAL) return kExitPartial;
   return bad_input ? kExitBadInput : kExitFailed;

@@ -5,6 +5,7 @@
 #include <functional>
 #include <string>
 
+#include "common/base/message_list.h"
 #include "common/base/printable.h"
 #include "common/base/status.h"
 #include "common/rpc/channel.h"
@@ -49,6 +50,10 @@ struct JobFlags {
 };
 // Settings outside their limits are a parse error that names the found and the expected value.
 void AddJobOptions(CLI::App& command, JobFlags* flags);
+// Adds --tiles and --tile-memory.
+void AddTileOptions(CLI::App& command, JobSettings* settings);
+// Adds --skip-images and --anyway.
+void AddSceneOptions(CLI::App& command, double* skip_images, bool* anyway);
 // Adds the options of an update: --base, --withdraw, --epochs, --from-scratch. `base_values` describes what --base
 // accepts.
 void AddUpdateOptions(CLI::App& command, const std::string& base_values, JobFlags* flags);
@@ -80,10 +85,12 @@ StatusOr<int> WatchJob(Connection& connection, const std::string& job,
 // Shows progress on standard error.
 StatusOr<int> WatchJobWithProgress(Connection& connection, const std::string& job);
 
-// Prints "warning: ..." on standard error for each.
+// Prints "warning: ..." on standard error for each, shortened (ShortenMessages). An error is printed before.
 template <class Warnings>
 void PrintWarnings(const Warnings& warnings) {
-  for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", PrintableLines(warning).c_str());
+  for (const std::string& warning : ShortenMessages({warnings.begin(), warnings.end()})) {
+    std::fprintf(stderr, "warning: %s\n", PrintableLines(warning).c_str());
+  }
 }
 
 // Prints the error on standard error, with its line breaks, and returns its exit code.

@@ -155,7 +155,9 @@ Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescri
 Status Evaluate(EvaluateArguments arguments) {
   const ThreadLimit limit(arguments.threads);
   Warnings warnings;
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.scene, &warnings));
+  SceneLoadOptions load;
+  load.skip_images = kMaxSkippedShare;  // a job may have left images out, and no photograph is read
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.scene, &warnings, load));
   PrintWarnings(warnings);
   if (arguments.truth.empty()) arguments.truth = (fs::path(scene.folder) / "truth").string();
   TESSERA_ASSIGN_OR_RETURN(const std::vector<bool> left_out, LeftOut(arguments.except_views, scene));

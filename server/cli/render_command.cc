@@ -96,7 +96,10 @@ StatusOr<World> LoadWorld(const std::string& scene_path) {
   World world;
   if (scene_path.empty()) return world;
   Warnings warnings;
-  TESSERA_ASSIGN_OR_RETURN(world.scene, LoadScene(scene_path, &warnings));
+  SceneLoadOptions load;
+  load.skip_images = kMaxSkippedShare;  // a job may have left images out, and no photograph is read
+  TESSERA_ASSIGN_OR_RETURN(world.scene, LoadScene(scene_path, &warnings, load));
+  PrintWarnings(warnings);
   world.frame = world.scene->frame;
   world.up = world.scene->up_in_local;
   world.classes = world.scene->classes;

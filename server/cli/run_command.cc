@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "common/base/clock.h"
 #include "common/base/machine_limits.h"
@@ -62,16 +63,23 @@ struct RunOutcome {
   Status status;                       // error of a process or a call
   std::optional<LocalJobState> state;  // set if the job ended
   bool accepted = false;
+  Warnings warnings;  // that were not shown yet
 };
 
 RunOutcome WaitForJob(LocalCluster& cluster, LocalJob& job, ProgressDisplay& display) {
   RunOutcome outcome;
-  int warnings_shown = 0;
+  int warnings_seen = 0;
   while (Interrupts() == 0) {
     LocalJobState state = job.Wait(kRunPollSeconds);
     outcome.accepted = state.accepted;
-    for (; state.job != nullptr && warnings_shown < state.job->warnings_size(); ++warnings_shown) {
-      display.Note("warning: " + state.job->warnings(warnings_shown));
+    for (; state.job != nullptr && warnings_seen < state.job->warnings_size(); ++warnings_seen) {
+      outcome.warnings.push_back(state.job->warnings(warnings_seen));
+    }
+    // Once the scene is accepted. If it is refused, the error comes first.
+    if (state.job != nullptr && state.job->tasks_total() > 1) {
+      for (const std::string& warning : ShortenMessages(std::exchange(outcome.warnings, {}))) {
+        display.Note("warning: " + warning);
+      }
     }
     if (state.update != nullptr) display.Show(*state.update);
     if (state.ended) {
@@ -93,10 +101,12 @@ RunOutcome WaitForJob(LocalCluster& cluster, LocalJob& job, ProgressDisplay& dis
 int ReportOutcome(const RunOutcome& outcome, const Folders& folders, double seconds) {
   if (!outcome.status.ok()) {
     const int code = ReportError("run", outcome.status);
+    PrintWarnings(outcome.warnings);
     if (!outcome.accepted && code == kExitBadInput) folders.RemoveCreated();
     return outcome.accepted && code == kExitBadInput ? kExitFailed : code;
   }
   const int code = ExitCodeOfJob(*outcome.state->job, outcome.state->failed_for_input);
+  PrintWarnings(outcome.warnings);
   if (code != kExitOk) std::fprintf(stderr, "logs: %s/logs\n", folders.state.c_str());
   if (code != kExitOk && code != kExitPartial) return code;
   for (const std::string& line : RunSummary(folders.out)) std::printf("%s\n", PrintableLines(line).c_str());

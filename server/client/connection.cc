@@ -152,6 +152,8 @@ Status Connection::ListWorkers(v1::ListWorkersResponse* workers) {
 }
 
 bool Connection::FailedForInput(const std::string& job) {
+  v1::Job found;
+  if (GetJob(job, &found).ok() && found.bad_input()) return true;
   v1::ListTasksResponse tasks;
   if (!ListTasks(job, &tasks).ok()) return false;
   return std::any_of(tasks.tasks().begin(), tasks.tasks().end(), [](const v1::Task& task) {

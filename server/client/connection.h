@@ -46,7 +46,8 @@ class Connection {
   // All attempts of the tasks of a job.
   Status ListAttempts(const std::string& job, v1::ListAttemptsResponse* attempts);
   Status ListWorkers(v1::ListWorkersResponse* workers);
-  // Whether a task of the job failed permanently because its input is wrong; false if the tasks cannot be listed.
+  // Whether the job cannot be planned for its input, or a task failed permanently because its input is wrong; false if
+  // this cannot be read.
   bool FailedForInput(const std::string& job);
 
   // Calls `on_update` with the current state of the job, and again after each change, until the job has ended. A broken

@@ -53,6 +53,7 @@ void ToProto(const JobStatus& status, v1::Job* proto) {
   ToProto(header.settings, proto->mutable_settings());
   proto->set_state(static_cast<v1::JobState>(header.state));
   proto->set_error(header.error);
+  proto->set_bad_input(header.bad_input);
   if (header.create_us != 0) *proto->mutable_create_time() = ToTimestamp(header.create_us);
   if (header.start_us != 0) *proto->mutable_start_time() = ToTimestamp(header.start_us);
   if (header.end_us != 0) *proto->mutable_end_time() = ToTimestamp(header.end_us);

@@ -7,13 +7,14 @@
 namespace tessera {
 
 Status CommitEnd(DispatchCore& core, int job, JobState state, const std::string& error,
-                 const std::vector<NamedDigest>& artifacts, int64_t time_us) {
+                 const std::vector<NamedDigest>& artifacts, int64_t time_us, bool bad_input) {
   v1::Record record;
   record.set_time_us(time_us);
   v1::JobEnded& ended = *record.mutable_job_ended();
   ended.set_job(core.ledger().jobs()[job].header.name);
   ended.set_state(static_cast<v1::JobState>(state));
   ended.set_error(AsUtf8(error));  // messages of libraries may not be UTF-8
+  ended.set_bad_input(bad_input);
   AddFiles(artifacts, ended.mutable_artifacts());
   TESSERA_RETURN_IF_ERROR(core.Commit(record));
   core.lease_table().DropJob(job);  // workers stop after their next heartbeat

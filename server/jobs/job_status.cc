@@ -24,8 +24,10 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   JobStatus status;
   status.header = job.header;
   for (const int index : job.totals.warned()) {
-    const Warnings& added = *job.tasks[index].warnings;
-    status.header.warnings.insert(status.header.warnings.end(), added.begin(), added.end());
+    for (const std::string& warning : *job.tasks[index].warnings) {  // ingest repeats those of the submission
+      const Warnings& known = job.header.warnings;
+      if (std::find(known.begin(), known.end(), warning) == known.end()) status.header.warnings.push_back(warning);
+    }
   }
   for (const QuarantinedTile& tile : job.quarantined) status.header.warnings.push_back(QuarantineText(job, tile));
   JobSums sums = job.totals.sums();
@@ -59,6 +61,7 @@ void TakeEndFrom(JobStatus& status) {
   status.header.state = status.header.start_us > 0 ? JobState::kRunning : JobState::kQueued;
   status.header.end_us = 0;
   status.header.error.clear();
+  status.header.bad_input = false;
   status.header.artifacts.clear();
   status.waiting_for = "the end of the job is not stored yet";
 }

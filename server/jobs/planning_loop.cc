@@ -134,7 +134,9 @@ Status PlanningLoop::PlanJob(const PendingStep& step) {
   if (HasEnded(job.header.state)) return absl::OkStatus();
   std::string error = "cannot plan the job: " + std::string(fault.message());
   for (const QuarantinedTile& tile : job.quarantined) error += "\n" + QuarantineText(job, tile);
-  return CommitEnd(core_, step.job, JobState::kFailed, error, {});
+  // The survey's plan depends on the scene and the settings; the one of the steps on results of workers.
+  const bool bad_input = absl::IsInvalidArgument(fault) && step.kind != PendingStep::Kind::kPlanSteps;
+  return CommitEnd(core_, step.job, JobState::kFailed, error, {}, 0, bad_input);
 }
 
 Status PlanningLoop::EndJob(PendingStep step) {

@@ -128,6 +128,7 @@ struct JobHeader {
   std::string algorithm_version;
   JobState state = JobState::kQueued;
   std::string error;
+  bool bad_input = false;  // it could not be planned because its scene or its settings are wrong
   int64_t create_us = 0;
   int64_t start_us = 0;
   int64_t end_us = 0;

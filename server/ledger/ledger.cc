@@ -254,6 +254,7 @@ void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
   Job& job = jobs_[index];
   job.header.state = static_cast<JobState>(change.state());
   job.header.error = change.error();
+  job.header.bad_input = change.bad_input();
   job.header.end_us = time_us;
   job.header.artifacts = NamedDigests(change.artifacts());
   for (JobTask& each : job.tasks) {

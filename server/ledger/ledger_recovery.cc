@@ -71,6 +71,7 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
   JobHeader& header = job.header;
   header.state = header.start_us > 0 ? JobState::kRunning : JobState::kQueued;
   header.error.clear();
+  header.bad_input = false;
   header.end_us = 0;
   active_jobs_.insert(std::lower_bound(active_jobs_.begin(), active_jobs_.end(), index), index);
   ready_.SetJob(index, header.priority, header.paused);

@@ -243,6 +243,7 @@ class Graph {
     parameters.warnings = survey_.warnings;
     parameters.view_names = ViewNames(survey_);
     parameters.fit = survey_.fit;
+    parameters.skipped_images = survey_.skipped_images;
     PlannedTask task;
     task.kind = task.name = kPublishKind;
     SetCost(PredictPublish(survey_), &task);

@@ -17,7 +17,7 @@ constexpr double kIngestSecondsPerFile = 0.1;
 
 IngestParameters IngestParametersOf(const JobSettings& settings) {
   return {settings.method_settings.partners, settings.method_settings.views_per_direction, Classifies(settings),
-          settings.classifier == kDefaultClassifier};
+          settings.classifier == kDefaultClassifier, settings.skip_images, settings.anyway};
 }
 
 }  // namespace

@@ -102,6 +102,7 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
   parameters.scene_name = survey.scene_name;
   parameters.warnings = survey.warnings;
   parameters.fit = survey.fit;
+  parameters.skipped_images = survey.skipped_images;
   parameters.flip_edges = base.flip_edges;
   PlannedTask publish;
   publish.kind = publish.name = kPublishKind;

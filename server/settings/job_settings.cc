@@ -47,7 +47,17 @@ Status CheckJobSettings(const JobSettings& settings) {
                                                        kDefaultClassifier, "', '", kNoClassifier,
                                                        "' or the absolute path of a trained classifier")));
   }
+  if (!(settings.skip_images >= 0 && settings.skip_images <= kMaxSkippedShare)) {
+    faults.Add(absl::InvalidArgumentError(absl::StrCat("skip images: found ", settings.skip_images,
+                                                       ", expected the largest share of images to leave out, 0 to ",
+                                                       kMaxSkippedShare)));
+  }
   const UpdateSettings& update = settings.update;
+  if (!update.base.empty() && (settings.skip_images != 0 || settings.anyway)) {
+    faults.Add(absl::InvalidArgumentError(
+        "skip images, anyway: found with a base job, expected none: they do not apply to updates. Remove missing and "
+        "broken images from the update's camera model"));
+  }
   if (update.base.empty() && !(update == UpdateSettings())) {
     faults.Add(absl::InvalidArgumentError(
         "base: found none, expected a base job: withdrawn flights, epochs and from-scratch apply to updates only"));
@@ -85,6 +95,8 @@ StatusOr<JobSettings> SettingsOfUpdate(const JobSettings& asked, const JobSettin
   check("method settings", asked.method_settings, standard.method_settings, base.method_settings);
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   JobSettings settings = base;
+  settings.skip_images = standard.skip_images;
+  settings.anyway = standard.anyway;
   settings.update = asked.update;
   settings.max_core_seconds = asked.max_core_seconds;
   return settings;

@@ -12,6 +12,7 @@ namespace tessera {
 
 inline constexpr int kMaxTiles = 100000;
 inline constexpr int kMaxRounds = 20;
+inline constexpr double kMaxSkippedShare = 0.9;
 inline constexpr int64_t kMinTileMemory = int64_t{128} << 20, kMaxTileMemory = int64_t{64} << 40;
 
 // Settings of an update: a job that refines only what changed since its base job and inherits everything else. Tiles,
@@ -48,6 +49,9 @@ struct JobSettings {
   std::string classifier = {};
   UpdateSettings update = {};
   double max_core_seconds = 0;  // a job with a higher predicted cost is refused; 0: no limit
+  // Of the scene (SceneLoadOptions); not of updates, which continue a scene that was accepted.
+  double skip_images = 0;
+  bool anyway = false;
 };
 
 // Whether the job computes likelihoods itself.

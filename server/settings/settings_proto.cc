@@ -87,6 +87,8 @@ JobSettings FromProto(const v1::JobSettings& proto) {
                      {update.rollback_tiles().begin(), update.rollback_tiles().end()}};
   settings.max_core_seconds = proto.max_core_seconds();
   settings.classifier = proto.classifier();
+  settings.skip_images = proto.skip_images();
+  settings.anyway = proto.anyway();
   return settings;
 }
 
@@ -98,6 +100,8 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   proto->set_method(settings.method);
   proto->set_max_core_seconds(settings.max_core_seconds);
   proto->set_classifier(settings.classifier);
+  proto->set_skip_images(settings.skip_images);
+  proto->set_anyway(settings.anyway);
   if (const UpdateSettings& update = settings.update; !(update == UpdateSettings())) {
     v1::UpdateSettings& to = *proto->mutable_update();
     to.set_base(update.base);

@@ -4,6 +4,7 @@
 #include <functional>
 #include <set>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/job/task_kinds.h"
 #include "server/tiling/tiling.h"
@@ -89,7 +90,16 @@ double WallSeconds(const Quote& quote, int workers, int threads) {
   return seconds / std::max(1, threads);
 }
 
+Status CheckPairs(const JobSettings& settings, const Survey& survey) {
+  if (!survey.pairs.empty() || settings.method == kLabelsMethod) return absl::OkStatus();
+  const size_t images = survey.views.size();
+  return InputError("images", "",
+                    images == 1 ? "1 image" : absl::StrCat(images, " images, no two of which show the same surface"),
+                    "at least 2 images of the same surface, from directions 2.5 to 45 degrees apart; 3 are better");
+}
+
 Status CheckQuote(const JobSettings& settings, const Survey& survey) {
+  TESSERA_RETURN_IF_ERROR(CheckPairs(settings, survey));
   if (settings.max_core_seconds == 0) return absl::OkStatus();
   TESSERA_ASSIGN_OR_RETURN(const Quote quote, MakeQuote(settings, survey));
   return CheckLimit(settings, quote.core_seconds);

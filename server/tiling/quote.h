@@ -45,8 +45,11 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
 // with the longest task first in each stage, linear speedup with threads.
 double WallSeconds(const Quote& quote, int workers, int threads);
 
+// INVALID_ARGUMENT if the job refines geometry, but no two images show the same surface.
+Status CheckPairs(const JobSettings& settings, const Survey& survey);
 // INVALID_ARGUMENT with advice if the predicted cost exceeds the job's limit.
 Status CheckLimit(const JobSettings& settings, double core_seconds);
+// Both tests.
 Status CheckQuote(const JobSettings& settings, const Survey& survey);
 
 }  // namespace tessera

@@ -112,12 +112,17 @@ class KdSplitter {
     const double bytes = PredictBytes(rect, work);
     if (bytes <= static_cast<double>(limit_bytes_)) return absl::OkStatus();
     constexpr double kGiB = 1 << 30;
+    PinholeCamera largest;
+    for (const int32_t v : work.views) {
+      const PinholeCamera& camera = cells_.survey().views[v].lens.pinhole;
+      if (int64_t{camera.width} * camera.height > int64_t{largest.width} * largest.height) largest = camera;
+    }
     return absl::InvalidArgumentError(absl::StrFormat(
         "tile memory: found %.2f GiB, expected at least %.2f GiB for the ground cell at (%d, %d) alone: "
-        "%.0f faces, %.0f more in its visible set, %d views, %.1f megapixels; raise --tile-memory or "
-        "drop the finest of --levels",
+        "%.0f faces, %.0f more in its visible set, %d views, %.1f megapixels of images (the largest has %d x %d "
+        "pixels); raise --tile-memory, use images of half the size, or drop the finest of --levels",
         static_cast<double>(limit_bytes_) / kGiB, bytes / kGiB, rect.x0, rect.y0, work.core_faces,
-        work.visible_faces - work.core_faces, work.seeing_views, 1e-6 * work.pixels));
+        work.visible_faces - work.core_faces, work.seeing_views, 1e-6 * work.pixels, largest.width, largest.height));
   }
 
   struct Cut {

@@ -6,8 +6,11 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <nlohmann/json.hpp>
 #include <ostream>
+#include <sstream>
 #include <string>
+#include <vector>
 
 #include "tests/e2e/programs.h"
 
@@ -110,6 +113,81 @@ TEST(BadInputLeftoversTest, RefusedSceneKeepsFolderState) {
   WriteText(out + "/mesh.ply", "of an earlier run");
   EXPECT_EQ(Tessera(folder.path(), {"run", city, "--out", out}).exit_code, 3);
   EXPECT_EQ(Content(out + "/mesh.ply"), "of an earlier run");
+}
+
+class SpoiltCityTest : public testing::Test {
+ protected:
+  SpoiltCityTest() { fs::copy(ToyCity(), city_, fs::copy_options::recursive); }
+  Outcome Run(const std::vector<std::string>& arguments) { return Tessera(folder_.path(), arguments); }
+  // Leaves the first `kept` images in the model, without image points.
+  void KeepImages(int kept) {
+    std::istringstream in(Content(city_ + "/colmap/images.txt"));
+    std::string text;
+    for (std::string line, points; std::getline(in, line);) {
+      if (line.empty() || line[0] == '#') continue;
+      std::getline(in, points);
+      if (kept-- > 0) text += line + "\n\n";
+    }
+    WriteText(city_ + "/colmap/images.txt", text);
+    fs::remove(city_ + "/colmap/points3D.txt");
+  }
+
+  const TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();
+  const std::string city_ = folder_.path() + "/city", out_ = folder_.path() + "/out";
+};
+
+TEST_F(SpoiltCityTest, MissingAndBrokenImagesAreLeftOutOnRequest) {
+  fs::remove(city_ + "/images/east_00_000.jpg");
+  const std::string broken = city_ + "/images/nadir_00_001.jpg";
+  fs::resize_file(broken, fs::file_size(broken) / 2);
+  const Outcome refused = Run({"check", city_});
+  EXPECT_EQ(refused.exit_code, 3) << refused.output;
+  EXPECT_THAT(refused.output, HasSubstr("to leave out the 2 missing or broken images: --skip-images 0."));
+  const Outcome checked = Run({"check", city_, "--skip-images", "0.5"});
+  EXPECT_EQ(checked.exit_code, 0) << checked.output;
+  const Outcome run = Run({"run", city_, "--out", out_, "--tiles", "1", "--rounds", "1", "--skip-images", "0.5"});
+  ASSERT_EQ(run.exit_code, 0) << run.output;
+  const auto skipped = nlohmann::json::parse(Content(out_ + "/report.json"))["skipped_images"];
+  ASSERT_EQ(skipped.size(), 2u) << skipped;
+  EXPECT_EQ(skipped[0]["name"], "east_00_000.jpg");
+  EXPECT_EQ(skipped[0]["reason"], "no such file");
+  EXPECT_EQ(skipped[1]["name"], "nadir_00_001.jpg");
+  for (const Outcome& outcome : {checked, run}) {
+    EXPECT_THAT(outcome.output, HasSubstr("images are left out: east_00_000.jpg (no such file)"));
+    EXPECT_THAT(outcome.output, HasSubstr("images are left out: nadir_00_001.jpg ("));
+  }
+}
+
+TEST_F(SpoiltCityTest, OneImageIsRefusedByCheckAndRunAlike) {
+  KeepImages(1);
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{"check", city_}, std::vector<std::string>{"run", city_, "--out", out_}}) {
+    const Outcome outcome = Run(command);
+    EXPECT_EQ(outcome.exit_code, 3) << outcome.output;
+    EXPECT_THAT(outcome.output, HasSubstr("found 1 image, expected at least 2 images of the same surface"));
+  }
+}
+
+TEST_F(SpoiltCityTest, AnErrorComesBeforeWarningsAndNamesNoFolderOfAWorker) {
+  Replace(city_ + "/scene.json", "\"mesh\"", "\"likelihoods_source\": \"default\", \"mesh\"");
+  fs::resize_file(city_ + "/mesh.ply", fs::file_size(city_ + "/mesh.ply") / 2);
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{"check", city_}, std::vector<std::string>{"run", city_, "--out", out_}}) {
+    const std::string output = Run(command).output;
+    const size_t error = output.find("mesh.ply: "), warning = output.find("warning: likelihoods come from the default");
+    ASSERT_NE(error, std::string::npos) << output;
+    ASSERT_NE(warning, std::string::npos) << output;
+    EXPECT_LT(error, warning) << output;
+    EXPECT_EQ(output.find("/tasks/task-"), std::string::npos) << output;
+  }
+}
+
+TEST_F(SpoiltCityTest, JsonOfARefusedSceneHasItsErrors) {
+  fs::remove(city_ + "/mesh.ply");
+  EXPECT_EQ(Run({"check", city_, "--json", out_ + ".json"}).exit_code, 3);
+  const auto json = nlohmann::json::parse(Content(out_ + ".json"));
+  EXPECT_THAT(json["errors"].dump(), HasSubstr("mesh.ply: found no such file"));
+  EXPECT_TRUE(json["warnings"].is_array());
 }
 
 TEST(BadSettingsTest, InvalidSettingsAreRefusedBeforeAnyTask) {

@@ -19,6 +19,7 @@ inline Survey RandomSurvey(int width, int height, double filled, uint64_t seed) 
   s.gsd_m = 0.1;
   s.ground = MakeGroundPlane(s.up, 8);
   s.views.resize(6);
+  s.pairs = {{0, 1}, {1, 0}};
   for (size_t v = 0; v < s.views.size(); ++v) {
     s.views[v].image_path = "images/" + std::to_string(v) + ".jpg";
     if (v % 2 == 0) s.views[v].likelihood_path = "likelihoods/" + std::to_string(v) + ".tif";

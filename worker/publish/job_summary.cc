@@ -104,11 +104,14 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
   }
   json class_names = json::array();
   for (const SceneClass& c : survey.classes) class_names.push_back(c.name);
+  json skipped = json::array();
+  for (const auto& [name, reason] : survey.skipped_images) skipped.push_back({{"name", name}, {"reason", reason}});
   const json shares_before = AreaShares(statistics.areas_before_m2_, statistics.total_before_m2_, survey.classes);
   const json shares_after = AreaShares(statistics.areas_after_m2_, statistics.total_after_m2_, survey.classes);
   json report = {{"scene", survey.scene_name},
               {"gsd_m", survey.gsd_m},
               {"views", survey.views.size()},
+              {"skipped_images", skipped},
               {"classes", class_names},
               {"input", {{"vertices", survey.input_vertices}, {"faces", survey.input_faces}}},
               {"output", {{"vertices", lengths_m.size()}, {"faces", statistics.faces_}}},

@@ -1,8 +1,8 @@
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "common/geometry/coarse_mesh.h"
 #include "common/geometry/repair.h"
 #include "common/job/survey.h"
@@ -24,7 +24,6 @@
 namespace tessera {
 namespace {
 
-constexpr double kCellGsd = 64;  // rounded to a power of two in metres
 constexpr int64_t kCoverageClusters = 1 << 18;
 constexpr size_t kReportedImages = 20;  // the worst ones, in the report
 constexpr int kMinPairSamples = 4000, kPairSamplesPerView = 100, kMaxPairSamples = 100000;
@@ -76,10 +75,10 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
   std::sort(survey->pairs.begin(), survey->pairs.end());
 }
 
-// Reports what CheckSceneFolder would report of a mesh, for meshes that it leaves to ingest. `fit` receives the fit.
+// Reports what CheckScene would report of a mesh, for meshes that it leaves to ingest. `fit` receives the fit.
 Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const MeshDefects& defects, double gsd_m,
-                      const std::string& scratch_folder, const TaskControl& control, Warnings* warnings,
-                      std::string* fit) {
+                      const std::string& scratch_folder, bool anyway, const TaskControl& control,
+                      Warnings* warnings, std::string* fit) {
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   WarnOfDefects(defects, warnings);
   const int64_t unlabelled = std::count(mesh.labels.values().begin(), mesh.labels.values().end(), -1);
@@ -93,7 +92,7 @@ Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const
     silent.report = {};
     TESSERA_ASSIGN_OR_RETURN(const JudgedFit judged,
                              CheckFit(scene, {mesh.spans(), coarse.mesh, coarse.error_m}, gsd_m, silent, warnings));
-    faults.Add(judged.fault);
+    AddFitFault(judged, anyway, &faults, warnings);
     *fit = FitTableToJson(MakeFitTable(scene, judged.fit, nullptr), kReportedImages);
     if (judged.has_reading) return faults.ToStatus();
   }
@@ -113,12 +112,14 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   SceneLoadOptions load;
   load.to_be_classified = parameters.classify;
   load.by_default_rule = parameters.by_default_rule;
-  // Reports all errors at once. Afterwards loading cannot fail because of the scene.
-  TESSERA_ASSIGN_OR_RETURN(const SceneSummary summary,
-                           CheckSceneFolder(InputPath(request, kSceneFolder), load, kMaxFacesInMemory,
-                                            &outcome.warnings, PartOf(control, 0, 0.3)));
-  Warnings repeated;
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(InputPath(request, kSceneFolder), &repeated, load));
+  load.skip_images = parameters.skip_images;
+  load.anyway = parameters.anyway;
+  // Reports all errors at once.
+  TESSERA_ASSIGN_OR_RETURN(CheckedScene checked,
+                           CheckScene(InputPath(request, kSceneFolder), load, kMaxFacesInMemory, &outcome.warnings,
+                                      PartOf(control, 0, 0.3)));
+  SceneDescription& scene = checked.scene;
+  const SceneSummary& summary = checked.summary;
   for (size_t v = 0; v < scene.views.size(); ++v) {
     SceneView& view = scene.views[v];
     view.camera = OnLocalGrid(view.camera);
@@ -149,7 +150,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   if (survey.input_faces > kMaxFacesInMemory) {
     outcome.warnings.insert(outcome.warnings.end(), of_large_mesh.begin(), of_large_mesh.end());
     TESSERA_RETURN_IF_ERROR(
-        CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, control, &outcome.warnings, &survey.fit));
+        CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, parameters.anyway, control, &outcome.warnings, &survey.fit));
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
 
@@ -167,7 +168,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   survey.mesh_path = scene.mesh_path;
   survey.label_property = scene.label_property;
   survey.up = scene.up_in_local;
-  survey.ground = MakeGroundPlane(survey.up, std::exp2(std::round(std::log2(kCellGsd * survey.gsd_m))));
+  survey.ground = MakeGroundPlane(survey.up, CellSide_m(survey.gsd_m));
   survey.views = scene.views;
   survey.flights = scene.flights;
   FillPairs(mesh.spans(), cameras, parameters, &survey);
@@ -188,7 +189,10 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   TESSERA_RETURN_IF_ERROR(ChooseViews(mesh.spans(), city, view_options, PartOf(control, 0.7, 0.98), scratch, &survey));
   FillViewDepths(&survey);
   if (summary.fit) survey.fit = FitTableToJson(summary.fit_table, kReportedImages);
+  // The folder's path differs between workers.
+  for (std::string& warning : outcome.warnings) warning = absl::StrReplaceAll(warning, {{scene.folder + "/", ""}});
   survey.warnings = outcome.warnings;
+  for (const SkippedImage& image : scene.skipped) survey.skipped_images.emplace_back(image.name, image.reason);
 
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSurveyFile), SurveyToJson(survey)));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kPlainSurveyFile), SurveyToJson(WithoutNames(survey))));

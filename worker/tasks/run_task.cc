@@ -1,9 +1,13 @@
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <iterator>
 #include <new>
 #include <string_view>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "common/job/task_kinds.h"
+#include "common/job/task_parameters.h"
 #include "worker/tasks/task.h"
 #include "worker/tasks/task_functions.h"
 
@@ -44,6 +48,13 @@ Status UnknownKind(const std::string& kind) {
   return absl::InvalidArgumentError("task kind: found \"" + kind + "\", expected one of " + expected);
 }
 
+// The text with paths of the scene's files relative to the scene, and of other inputs relative to the inputs. The
+// folder of the inputs exists only during the task and means nothing to the user.
+std::string WithoutFolder(const TaskRequest& request, std::string_view text) {
+  const std::string scene = absl::StrCat(request.input_dir, "/", kSceneFolder);
+  return absl::StrReplaceAll(std::string(text), {{scene + "/", ""}, {scene, "the scene"}, {request.input_dir + "/", ""}});
+}
+
 }  // namespace
 
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control) {
@@ -51,7 +62,14 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
   if (function == std::end(kFunctions)) return UnknownKind(request.kind);
   const SystemClock clock;
   try {
-    return function->run(request, control, clock);
+    StatusOr<TaskOutcome> outcome = function->run(request, control, clock);
+    if (!outcome.ok()) {
+      Status named(outcome.status().code(), WithoutFolder(request, std::string(outcome.status().message())));
+      outcome.status().ForEachPayload([&](auto url, const auto& payload) { named.SetPayload(url, payload); });
+      return named;
+    }
+    for (std::string& warning : outcome->warnings) warning = WithoutFolder(request, warning);
+    return outcome;
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError(request.kind + ": out of memory");
   }

@@ -121,6 +121,25 @@ TEST(Survey, PlainSurveysContainNoNames) {
   EXPECT_NE(SurveyToJson(WithoutNames(survey)), SurveyToJson(WithoutNames(renamed))) << "pixels do count";
 }
 
+TEST(Survey, SkippedImagesReachTheReportButNoOtherTask) {
+  Survey survey = MakeSurvey();
+  const std::string without = SurveyToJson(survey), plain = SurveyToJson(WithoutNames(survey));
+  survey.skipped_images = {{"a.jpg", "no such file"}};
+  EXPECT_NE(SurveyToJson(survey), without);
+  EXPECT_EQ(ParseSurvey(SurveyToJson(survey))->skipped_images, survey.skipped_images);
+  EXPECT_EQ(SurveyToJson(WithoutNames(survey)), plain);
+  PublishParameters publish;
+  publish.skipped_images = survey.skipped_images;
+  EXPECT_EQ(ParsePublishParameters(ToJson(publish))->skipped_images, survey.skipped_images);
+  IngestParameters ingest;
+  ingest.skip_images = 0.1;
+  ingest.anyway = true;
+  const StatusOr<IngestParameters> parsed = ParseIngestParameters(ToJson(ingest));
+  EXPECT_EQ(parsed->skip_images, 0.1);
+  EXPECT_TRUE(parsed->anyway);
+  EXPECT_EQ(ToJson(IngestParameters()), "{}") << "keys of earlier jobs";
+}
+
 TEST(Survey, UpdatesOnlyWidenViewDepths) {
   Survey survey = MakeSurvey();
   const auto before = survey.view_depths;

@@ -274,6 +274,7 @@ TEST_F(CoordinatorTest, PlanErrorsFailTheJob) {
   const auto ingest = Lease(worker);
   ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, ingest->task, 1, Result(*ingest, "bad")).ok());
   EXPECT_EQ(Job(job).header.error, "cannot plan the job: bad survey");
+  EXPECT_TRUE(Job(job).header.bad_input);
   NewJob unknown = AJob(1);
   unknown.settings.method = "magic";
   EXPECT_EQ(coordinator_->jobs().CreateJob(unknown).status().code(), absl::StatusCode::kInvalidArgument);

@@ -97,6 +97,7 @@ TEST_F(PhasesTest, MalformedReadsFailTheJobAndNameTheTile) {
     WorkAll(worker);
     EXPECT_EQ(Job(job).header.state, JobState::kFailed);
     EXPECT_THAT(Job(job).header.error, HasSubstr("cannot plan the job: tile 1: "));
+    EXPECT_FALSE(Job(job).header.bad_input) << "a fault of a worker, not of the scene";
     EXPECT_THAT(Job(job).header.error, HasSubstr(words));
   }
 }

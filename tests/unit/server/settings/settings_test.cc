@@ -47,6 +47,27 @@ TEST(Settings, RoundTripThroughProto) {
   ExpectRoundTrip(lists);
 }
 
+TEST(Settings, SkippedImagesAndAnywayAreOfNewScenesOnly) {
+  JobSettings settings;
+  settings.skip_images = 0.25;
+  settings.anyway = true;
+  EXPECT_TRUE(CheckJobSettings(settings).ok());
+  v1::JobSettings message;
+  ToProto(settings, &message);
+  EXPECT_EQ(FromProto(message).skip_images, 0.25);
+  EXPECT_TRUE(FromProto(message).anyway);
+  JobSettings update;
+  update.update.base = "jobs/1";
+  const StatusOr<JobSettings> completed = SettingsOfUpdate(update, settings);
+  ASSERT_TRUE(completed.ok()) << completed.status();
+  EXPECT_TRUE(CheckJobSettings(*completed).ok()) << "an update does not inherit them";
+  settings.update.base = "jobs/1";
+  EXPECT_THAT(std::string(CheckJobSettings(settings).message()), HasSubstr("they do not apply to updates"));
+  JobSettings too_many;
+  too_many.skip_images = 1;
+  EXPECT_THAT(std::string(CheckJobSettings(too_many).message()), HasSubstr("skip images: found 1, expected"));
+}
+
 TEST(Settings, UnsetSettingsStayUnset) {
   v1::JobSettings message;
   ToProto({}, &message);
