@@ -14,12 +14,11 @@
 #include "absl/strings/str_format.h"
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
-#include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
 #include "common/colmap/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
-#include "common/storage/hash.h"
+#include "common/scene/photographs.h"
 
 namespace tessera {
 namespace {
@@ -110,6 +109,7 @@ class SceneChecker {
       summary_.contents.push_back(content.ok() ? *content : PixelContent());
     }
     summary_.borders = borders.Trusts();
+    WarnOfContents(scene_, summary_.contents, &warnings_);
   }
 
   Status CheckMeshAndVisibility() {
@@ -311,30 +311,6 @@ class SceneChecker {
 
 }  // namespace
 
-StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders) {
-  PixelContent content;
-  Faults faults;
-  const auto take = [&faults](StatusOr<FloatImage> image, std::string* hash) -> FloatImage {
-    faults.Add(image.status());
-    if (!image.ok()) return {};
-    *hash = Xxh3Hex(image->data.data(), image->data.size() * sizeof(float));
-    return *std::move(image);
-  };
-  FloatImage luminance;
-  if (!view.image_path.empty()) {
-    luminance = take(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens), &content.image);
-  }
-  if (!view.likelihood_path.empty()) {
-    if (borders == nullptr) luminance = FloatImage();  // release the image before the likelihoods are read
-    const FloatImage likelihoods =
-        take(ReadLikelihoods(absl::StrCat(folder, "/", view.likelihood_path), classes, view.lens), &content.likelihood);
-    if (borders != nullptr) borders->Add(luminance, likelihoods);
-  }
-  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
-  return content;
-}
-
 Status ViewVisibilityError(const std::string& mesh_path, const SceneView& view, ViewVisibility visibility) {
   const std::string image = absl::StrCat("image '", view.name, "'");
   switch (visibility) {
@@ -357,12 +333,15 @@ StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warni
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
                                         Warnings* warnings, const TaskControl& control) {
   Faults faults;
-  const SceneDescription scene = LoadSceneCollecting(path, load, warnings, &faults);
+  SceneDescription scene = LoadSceneCollecting(path, load, warnings, &faults);
   if (scene.files.empty()) return faults.ToStatus();  // no scene.json
   Warnings unused;
+  TESSERA_RETURN_IF_ERROR(
+      ChooseWhiteLevels(std::vector<uint8_t>(scene.views.size(), 1), control, &scene, warnings));
   TESSERA_ASSIGN_OR_RETURN(
       SceneSummary summary,
       SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, &faults, control).Check());
+  for (const SceneView& view : scene.views) summary.white_levels.push_back(view.white_level);
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return summary;
 }

@@ -18,6 +18,7 @@ namespace tessera {
 // XXH3-128 hashes of a view's decoded files; empty if it has no such file.
 struct PixelContent {
   std::string image, likelihood;
+  double masked_share = 0;  // of the photograph's pixels
 };
 
 // Decodes the view's image and its likelihoods of `classes` classes, below `folder`. INVALID_ARGUMENT lists the errors
@@ -61,6 +62,7 @@ struct SceneSummary {
   std::vector<ClassShare> classes;
   int64_t unlabelled_faces = 0;
   std::vector<PixelContent> contents;  // of each view
+  std::vector<int> white_levels;       // of each view: SceneView::white_level
   BorderTrusts borders;                // from the likelihoods of all views
   // Shares of the sampled faces (at most 200,000, every n-th) that no view sees, and that fewer than three views see. A
   // view sees a face if its front faces the camera and its centroid is not occluded.

@@ -15,6 +15,7 @@
 #include "common/geometry/ray_caster.h"
 #include "common/imaging/image_io.h"
 #include "common/scene/patch_match.h"
+#include "common/scene/photographs.h"
 
 namespace tessera {
 namespace {
@@ -172,7 +173,8 @@ StatusOr<std::shared_ptr<const LoadedView>> Load(const SceneDescription& scene, 
   const SceneView& from = scene.views[view];
   auto loaded = std::make_shared<LoadedView>();
   TESSERA_ASSIGN_OR_RETURN(loaded->luminance,
-                           ReadLuminance(absl::StrCat(scene.folder, "/", from.image_path), from.lens));
+                           ReadLuminance(absl::StrCat(scene.folder, "/", from.image_path), from.lens,
+                                         OptionsOf(scene.folder, from)));
   PinholeCamera intrinsics = from.camera.intrinsics;
   while (int64_t{loaded->luminance.width} * loaded->luminance.height > kLargestPixels) {
     // An odd last row or column is dropped, so the scale is exactly two.
