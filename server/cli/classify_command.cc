@@ -15,6 +15,7 @@
 #include "common/classify/classify_report.h"
 #include "common/classify/classify_scene.h"
 #include "common/classify/training.h"
+#include "common/scene/photographs.h"
 #include "common/scene/scene.h"
 #include "common/scene/scene_json.h"
 #include "common/storage/files.h"
@@ -48,6 +49,8 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
   SceneLoadOptions load;
   load.all_classes = true;
   TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(arguments.scene, &report.warnings, load));
+  TESSERA_RETURN_IF_ERROR(
+      ChooseWhiteLevels(std::vector<uint8_t>(scene.views.size(), 1), control, &scene, &report.warnings));
   if (!arguments.mesh.empty()) {
     std::error_code error;
     scene.mesh_path = fs::relative(arguments.mesh, scene.folder, error).string();
