@@ -1,6 +1,7 @@
 #include "common/classify/annotations.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <map>
@@ -12,6 +13,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "common/imaging/image_io.h"
+#include "common/scene/photographs.h"
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -104,6 +106,19 @@ StatusOr<LabelImage> FromColours(const std::string& path, const ByteImage& image
   return labels;
 }
 
+// Sets the labels of masked pixels to kNotAnnotated.
+Status IgnoreMasked(const SceneDescription& scene, const SceneView& view, LabelImage* labels) {
+  if (!view.masked) return absl::OkStatus();
+  LensModel as_stored;
+  as_stored.pinhole = view.lens.pinhole;
+  TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance, ReadLuminance(absl::StrCat(scene.folder, "/", view.image_path),
+                                                                     as_stored, OptionsOf(scene.folder, view)));
+  for (size_t i = 0; i < labels->data.size(); ++i) {
+    if (std::isnan(luminance.data[i])) labels->data[i] = kNotAnnotated;
+  }
+  return absl::OkStatus();
+}
+
 // The view of an annotation file, found by its name without extension.
 std::optional<size_t> ViewOf(const std::string& stem, const std::map<std::string, size_t>& views) {
   auto it = views.find(stem);
@@ -160,6 +175,11 @@ StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDesc
                                                        : FromColours(path, *image, scene.classes, warnings);
     if (!labels.ok()) {
       faults.Add(labels.status());
+      continue;
+    }
+    const Status unmasked = IgnoreMasked(scene, scene.views[*view], &*labels);
+    if (!unmasked.ok()) {
+      faults.Add(unmasked);
       continue;
     }
     for (const uint8_t label : labels->data) {

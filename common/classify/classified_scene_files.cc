@@ -35,7 +35,7 @@ std::string ImagesFolder(const SceneDescription& scene) {
 
 Status CheckClassifiedFolder(const std::string& folder) {
   static const std::set<std::string> known = {"scene.json", "report.json", "appearance", "geometry",
-                                              "cameras",    "images",      "mesh.ply"};
+                                              "cameras",    "images",      "masks",      "mesh.ply"};
   std::error_code error;
   if (!fs::exists(folder, error)) return absl::OkStatus();
   const bool earlier = fs::is_symlink(fs::path(folder) / "mesh.ply") || fs::is_empty(folder, error);
@@ -60,6 +60,11 @@ Status WriteClassifiedScene(const SceneDescription& scene, const std::string& sc
   Json json = Json::parse(text, nullptr, false);
   if (!json.is_object())
     return InputError(scene_file, "", "no JSON object", "an unchanged scene.json: it changed while it was used");
+  const std::string masks = json.value("masks", std::string("masks"));
+  if (fs::is_directory(from / masks)) {
+    TESSERA_RETURN_IF_ERROR(Link(from / masks, to / "masks"));
+    json["masks"] = "masks";
+  }
   json["name"] = scene.name;
   json["cameras"] = "cameras";
   json["images"] = "images";

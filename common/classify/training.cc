@@ -41,7 +41,7 @@ std::vector<double> DrawChances(const Annotations& annotations, int64_t samples)
 StatusOr<DrawnPixels> Draw(const SceneDescription& scene, const Annotation& annotation, const MeshSurface& surface,
                            const std::vector<double>& chances, uint64_t seed) {
   const SceneView& view = scene.views[annotation.view];
-  TESSERA_ASSIGN_OR_RETURN(const ByteImage rgb, ReadRgb(scene.folder + "/" + view.image_path));
+  TESSERA_ASSIGN_OR_RETURN(const ByteImage rgb, ReadRgb(scene.folder + "/" + view.image_path, view.white_level));
   const ImageFeatures features(rgb, view, scene.up_in_local, &surface);
   DrawnPixels drawn;
   std::vector<float> pixel(FeatureCount());

@@ -1,105 +1,32 @@
 #include "common/imaging/image_io.h"
 
+#include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "common/imaging/file_bytes.h"
+#include "common/imaging/image_header.h"
 #include "common/imaging/jpeg_file.h"
+#include "common/imaging/png_file.h"
 #include "common/imaging/tiff_file.h"
 #include "common/imaging/undistort.h"
-#include "common/storage/lfs_pointer.h"
 
 namespace tessera {
 namespace {
 
 using Bytes = std::vector<uint8_t>;
 
-bool StartsWith(const Bytes& bytes, const char* magic, size_t size) {
-  return bytes.size() >= size && std::memcmp(bytes.data(), magic, size) == 0;
-}
-bool IsPng(const Bytes& bytes) { return StartsWith(bytes, "\x89PNG\r\n\x1a\n", 8); }
-bool IsJpeg(const Bytes& bytes) { return StartsWith(bytes, "\xff\xd8\xff", 3); }
-bool IsTiff(const Bytes& bytes) {
-  return StartsWith(bytes, "II*\0", 4) || StartsWith(bytes, "MM\0*", 4) || StartsWith(bytes, "II+\0", 4) ||
-         StartsWith(bytes, "MM\0+", 4);
-}
-
-uint32_t BigEndian(const Bytes& bytes, size_t at, int count) {
-  uint32_t value = 0;
-  for (int i = 0; i < count; ++i) value = value << 8 | bytes[at + i];
-  return value;
-}
-
-struct JpegLayout {
-  ImageSize size;
-  size_t scan_offset = 0;  // of the first start-of-scan marker; 0 if there is none
-};
-
-// Walks the marker segments up to the first scan (ITU T.81, annex B).
-JpegLayout WalkJpeg(const Bytes& bytes) {
-  JpegLayout layout;
-  size_t at = 2;
-  while (at + 4 <= bytes.size() && bytes[at] == 0xff) {
-    const uint8_t marker = bytes[at + 1];
-    if (marker == 0xff) {  // fill byte
-      ++at;
-      continue;
-    }
-    if (marker == 0xda) {
-      layout.scan_offset = at;
-      break;
-    }
-    const bool is_frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
-    if (is_frame && at + 9 <= bytes.size()) {
-      layout.size = {static_cast<int>(BigEndian(bytes, at + 7, 2)), static_cast<int>(BigEndian(bytes, at + 5, 2))};
-    }
-    at += 2 + BigEndian(bytes, at + 2, 2);
-  }
-  return layout;
-}
-
-// Whether the image data ends with an end-of-image marker. Decoders fill the missing part of a truncated JPEG with grey
-// without an error.
-bool JpegEnds(const Bytes& bytes) {
-  const size_t scan = WalkJpeg(bytes).scan_offset;
-  if (scan == 0) return false;
-  for (size_t i = bytes.size() - 1; i > scan; --i) {
-    if (bytes[i] == 0xd9 && bytes[i - 1] == 0xff) return true;
-  }
-  return false;
-}
-
 // Upper bound for all supported formats, except single-colour images in CCITT fax encoding.
 constexpr int64_t kMaxPixelsPerByte = 2048;
 
-// The size in the image's header. `bytes`: the file at `path` or its beginning. 0 x 0 if a JPEG's frame header lies
-// beyond `bytes`.
-StatusOr<ImageSize> HeaderSize(const std::string& path, const Bytes& bytes) {
-  if (IsTiff(bytes)) {
-    TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadTiffSize(path));
-    return ImageSize{size.width, size.height};
-  }
-  if (IsJpeg(bytes)) return WalkJpeg(bytes).size;
-  if (IsLfsPointer({reinterpret_cast<const char*>(bytes.data()), bytes.size()})) return LfsPointerError(path);
-  if (!IsPng(bytes)) {
-    return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "an unknown format",
-                      "a JPEG, PNG or TIFF image");
-  }
-  if (bytes.size() < 24) {
-    return InputError(path, absl::StrCat("byte ", bytes.size()), "the end of the file", "a whole PNG header");
-  }
-  return ImageSize{static_cast<int>(BigEndian(bytes, 16, 4)), static_cast<int>(BigEndian(bytes, 20, 4))};
-}
-
-// Decodes an image. Checks the header's size before decoding, because a small file may claim gigabytes: it must equal
-// `expected`, or, without `expected`, be plausible for the length of the file. `flags`: of OpenCV; a JPEG is decoded to
-// three channels of 8 bits whatever they say.
-StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std::optional<ImageSize>& expected,
-                         int flags) {
-  TESSERA_ASSIGN_OR_RETURN(const ImageSize size, HeaderSize(path, bytes));
+// Decodes an image to 8 or 16 bits and 1 (grey), 3 (BGR) or 4 (BGRA) channels. Checks the header's size before decoding,
+// because a small file may claim gigabytes: it must equal `expected`, or, without `expected`, be plausible for the
+// length of the file.
+StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std::optional<ImageSize>& expected) {
+  TESSERA_ASSIGN_OR_RETURN(const ImageHeader header, HeaderOf(path, bytes));
+  const ImageSize size = header.size;
   if (IsJpeg(bytes) && !JpegEnds(bytes)) {
     return InputError(path, absl::StrCat("byte ", bytes.size()), "the end of the file", "the end of the JPEG image");
   }
@@ -114,17 +41,22 @@ StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std:
   }
   cv::Mat image;
   try {
-    if (IsJpeg(bytes)) {
+    if (IsPng(bytes)) {
+      TESSERA_RETURN_IF_ERROR(DecodePng(path, bytes, &image));
+    } else if (IsTiff(bytes)) {
+      TESSERA_RETURN_IF_ERROR(DecodeTiffPhotograph(path, &image));
+    } else {
       image.create(size.height, size.width, CV_8UC3);
       TESSERA_ASSIGN_OR_RETURN(const bool decoded,
                                DecodeJpeg(path, bytes, {image.data, image.step[0], size.width, size.height}));
-      if (decoded) return image;
+      if (!decoded) image = cv::imdecode(bytes, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);  // CMYK
     }
-    image = cv::imdecode(bytes, flags | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& error) {
     return InputError(path, "", error.err, "a JPEG, PNG or TIFF image");
   }
-  if (image.empty()) return InputError(path, "", "a damaged image", "a readable JPEG, PNG or TIFF image");
+  if (image.cols != size.width || image.rows != size.height) {
+    return InputError(path, "", "a damaged image", "a readable JPEG, PNG or TIFF image");
+  }
   return image;
 }
 
@@ -139,6 +71,36 @@ ByteImage PlanesOf(const cv::Mat& mat) {
     }
   }
   return image;
+}
+
+// Luminance of the pixels in `part`; NaN where alpha is 0.
+template <class Value>
+void FillLuminance(const cv::Mat& mat, const ImagePart& part, int white_level, FloatImage* image) {
+  const int channels = mat.channels(), green = channels > 1 ? 1 : 0, red = channels > 1 ? 2 : 0;
+  const float scale = 1.0f / static_cast<float>(white_level);
+  for (int y = part.y0; y < part.y1; ++y) {
+    float* out = &image->at(0, y - part.y0) - part.x0;
+    const Value* row = mat.ptr<Value>(y);
+    for (int x = part.x0; x < part.x1; ++x) {
+      const Value* pixel = row + static_cast<ptrdiff_t>(channels) * x;
+      const float b = pixel[0], g = pixel[green], r = pixel[red];
+      out[x] = scale * (0.299f * r + 0.587f * g + 0.114f * b);
+      if (channels == 4 && pixel[3] == 0) out[x] = NAN;
+    }
+  }
+}
+
+// Sets the masked pixels of `image`, which is `part` of a photograph of size `whole`, to NaN.
+Status ApplyMask(const std::string& path, const ImageSize& whole, const ImagePart& part, FloatImage* image) {
+  TESSERA_ASSIGN_OR_RETURN(const ByteImage mask, ReadMask(path, whole));
+  const auto nearest = [](int64_t at, int size, int of) { return static_cast<int>((2 * at + 1) * of / (2 * size)); };
+  for (int y = part.y0; y < part.y1; ++y) {
+    const int v = nearest(y, whole.height, mask.height);
+    for (int x = part.x0; x < part.x1; ++x) {
+      if (mask.at(nearest(x, whole.width, mask.width), v) == 0) image->at(x - part.x0, y - part.y0) = NAN;
+    }
+  }
+  return absl::OkStatus();
 }
 
 Status EncodeAndReplace(const std::string& path, const ByteImage& image, const std::string& extension,
@@ -166,19 +128,12 @@ Status EncodeAndReplace(const std::string& path, const ByteImage& image, const s
 }  // namespace
 
 StatusOr<ImageSize> ReadImageSize(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(Bytes bytes, ReadFileStart(path, 64 * 1024));
-  TESSERA_ASSIGN_OR_RETURN(ImageSize size, HeaderSize(path, bytes));
-  if (IsJpeg(bytes) && size.width == 0) {  // long metadata before the frame header
-    TESSERA_ASSIGN_OR_RETURN(bytes, ReadFileBytes(path));
-    size = WalkJpeg(bytes).size;
-  }
-  if (size.width <= 0 || size.height <= 0) {
-    return InputError(path, "", "no image size in the header", "a JPEG, PNG or TIFF image");
-  }
-  return size;
+  TESSERA_ASSIGN_OR_RETURN(const ImageHeader header, ReadImageHeader(path));
+  return header.size;
 }
 
-StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part) {
+StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part,
+                                       const PhotographOptions& options) {
   const PinholeCamera& whole = lens.pinhole;
   if (part.x0 < 0 || part.y0 < 0 || part.x1 > whole.width || part.y1 > whole.height || part.width() <= 0 ||
       part.height() <= 0) {
@@ -189,48 +144,102 @@ StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel&
   cv::Mat mat;
   {
     TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
-    TESSERA_ASSIGN_OR_RETURN(
-        mat, Decode(path, bytes, ImageSize{whole.width, whole.height}, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH));
-  }
-  if (mat.cols != whole.width || mat.rows != whole.height) {
-    return InputError(path, "", absl::StrCat(mat.cols, " x ", mat.rows, " pixels"),
-                      absl::StrCat(whole.width, " x ", whole.height, " (the size of its camera)"));
-  }
-  if (mat.depth() != CV_8U && mat.depth() != CV_16U) {
-    return InputError(path, "", "an unsupported sample format", "8- or 16-bit unsigned samples");
+    TESSERA_ASSIGN_OR_RETURN(mat, Decode(path, bytes, ImageSize{whole.width, whole.height}));
   }
   const ImagePart source = SourcePart(lens, part);
   FloatImage image(source.width(), source.height());
-  const bool wide = mat.depth() == CV_16U;
-  const float scale = wide ? 1.0f / 65535 : 1.0f / 255;
-  for (int y = source.y0; y < source.y1; ++y) {
-    float* out = &image.at(0, y - source.y0) - source.x0;
-    const uint8_t* row8 = mat.ptr<uint8_t>(y);
-    const uint16_t* row16 = mat.ptr<uint16_t>(y);
-    for (int x = source.x0; x < source.x1; ++x) {
-      const float b = wide ? row16[3 * x] : row8[3 * x], g = wide ? row16[3 * x + 1] : row8[3 * x + 1];
-      const float r = wide ? row16[3 * x + 2] : row8[3 * x + 2];
-      out[x] = scale * (0.299f * r + 0.587f * g + 0.114f * b);
-    }
+  if (mat.depth() == CV_16U) {
+    FillLuminance<uint16_t>(mat, source, options.white_level > 0 ? options.white_level : 65535, &image);
+  } else {
+    FillLuminance<uint8_t>(mat, source, 255, &image);
   }
   mat.release();
+  if (!options.mask_path.empty()) {
+    TESSERA_RETURN_IF_ERROR(ApplyMask(options.mask_path, {whole.width, whole.height}, source, &image));
+  }
   return UndistortPart(std::move(image), source, lens, part, NAN);
 }
 
-StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens) {
-  return ReadLuminancePart(path, lens, {0, 0, lens.pinhole.width, lens.pinhole.height});
+StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens, const PhotographOptions& options) {
+  return ReadLuminancePart(path, lens, {0, 0, lens.pinhole.width, lens.pinhole.height}, options);
 }
 
-StatusOr<ByteImage> ReadRgb(const std::string& path) {
+StatusOr<ByteImage> ReadRgb(const std::string& path, int white_level) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
-  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_COLOR));
-  return PlanesOf(mat);
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt));
+  const bool wide = mat.depth() == CV_16U;
+  const int channels = mat.channels();
+  // As libpng and libtiff convert the full range: the high byte, or rounded.
+  const bool rounded = IsTiff(bytes) && channels > 1;
+  ByteImage image(mat.cols, mat.rows, 3);
+  for (int y = 0; y < mat.rows; ++y) {
+    for (int x = 0; x < mat.cols; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        const int at = channels * x + (channels > 1 ? 2 - c : 0);
+        int value = 0;
+        if (!wide) {
+          value = mat.ptr<uint8_t>(y)[at];
+        } else if (const int sample = mat.ptr<uint16_t>(y)[at]; white_level > 0) {
+          value = std::min(255, (255 * sample + white_level / 2) / white_level);
+        } else {
+          value = rounded ? (sample + 128) / 257 : sample >> 8;
+        }
+        image.at(x, y, c) = static_cast<uint8_t>(value);
+      }
+    }
+  }
+  return image;
+}
+
+StatusOr<ByteImage> ReadMask(const std::string& path, const ImageSize& photograph) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt));
+  const double height = static_cast<double>(mat.cols) * photograph.height / photograph.width;
+  if (std::abs(mat.rows - height) > 1) {
+    return InputError(path, "", absl::StrCat("a mask of ", mat.cols, " x ", mat.rows, " pixels"),
+                      absl::StrCat(photograph.width, " x ", photograph.height,
+                                   " as its photograph, or the same aspect ratio"));
+  }
+  ByteImage mask(mat.cols, mat.rows);
+  const int channels = mat.channels(), colours = std::min(channels, 3);
+  for (int y = 0; y < mat.rows; ++y) {
+    for (int x = 0; x < mat.cols; ++x) {
+      bool black = true;
+      for (int c = 0; c < colours; ++c) {
+        black &= (mat.depth() == CV_16U ? mat.ptr<uint16_t>(y)[channels * x + c]
+                                        : mat.ptr<uint8_t>(y)[channels * x + c]) == 0;
+      }
+      mask.at(x, y) = black ? 0 : 255;
+    }
+  }
+  return mask;
+}
+
+StatusOr<int> HighestSample(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const ImageHeader header, ReadImageHeader(path));
+  if (header.bits != 16) return 0;
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
+  int highest = 0;
+  if (IsTiff(bytes)) {
+    TESSERA_ASSIGN_OR_RETURN(const TiffPhotographHeader tiff, ReadTiffPhotographHeader(path));
+    highest = tiff.highest_sample;
+  }
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt));
+  if (mat.depth() != CV_16U) return 0;
+  const int channels = mat.channels(), colours = std::min(channels, 3);
+  for (int y = 0; y < mat.rows; ++y) {
+    const uint16_t* row = mat.ptr<uint16_t>(y);
+    for (int x = 0; x < mat.cols; ++x) {
+      for (int c = 0; c < colours; ++c) highest = std::max<int>(highest, row[channels * x + c]);
+    }
+  }
+  return highest;
 }
 
 StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
   if (!IsPng(bytes)) return InputError(path, "byte 0", "no PNG signature", "a PNG image of class ids");
-  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_UNCHANGED));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt));
   if (mat.type() != CV_8UC1) {
     return InputError(path, "", absl::StrCat(mat.channels(), " channels of ", 8 * mat.elemSize1(), " bits"),
                       "one channel of 8 bits (class ids)");
@@ -241,7 +250,7 @@ StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
 StatusOr<ByteImage> ReadPng(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
   if (!IsPng(bytes)) return InputError(path, "byte 0", "no PNG signature", "a PNG image");
-  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_UNCHANGED));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt));
   const int channels = mat.channels();
   if (mat.depth() != CV_8U || (channels != 1 && channels != 3 && channels != 4)) {
     return InputError(path, "", absl::StrCat(channels, " channels of ", 8 * mat.elemSize1(), " bits"),

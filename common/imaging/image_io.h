@@ -18,16 +18,32 @@ struct ImageSize {
 // Size of an image (JPEG, PNG, TIFF), read from its header. The format is detected from the content, not from the name.
 StatusOr<ImageSize> ReadImageSize(const std::string& path);
 
+// How the pixels of a photograph are used.
+struct PhotographOptions {
+  std::string mask_path = {};  // an image (ReadMask); its black pixels are masked. Empty: none
+  int white_level = 0;         // the sample value of 16-bit images that is luminance 1; 0: 65535
+};
+
 // Luminance (Rec. 601) in [0, 1] of an 8- or 16-bit grey or RGB image, undistorted onto lens.pinhole (bilinear; NaN
-// outside the photograph). The image must have the size of lens.pinhole.
-StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens);
+// outside the photograph, where it is masked and where its alpha channel is 0). The image must have the size of
+// lens.pinhole; a tag that says how to turn it is ignored.
+StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens,
+                                   const PhotographOptions& options = {});
 
 // The same for a part of the undistorted image; bit-identical to that part of the whole. The whole file is decoded, but
 // only the pixels that the part needs are converted to float. INVALID_ARGUMENT for a part outside the image.
-StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part);
+StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part,
+                                       const PhotographOptions& options = {});
 
-// RGB planes, 0 to 255, as stored, not undistorted. For previews and reports.
-StatusOr<ByteImage> ReadRgb(const std::string& path);
+// RGB planes, 0 to 255, as stored, not undistorted. `white_level`: as in PhotographOptions.
+StatusOr<ByteImage> ReadRgb(const std::string& path, int white_level = 0);
+
+// A mask for a photograph of the given size: 0 where it is black, else 255. INVALID_ARGUMENT for another aspect ratio.
+StatusOr<ByteImage> ReadMask(const std::string& path, const ImageSize& photograph);
+
+// The highest sample of a 16-bit image, alpha excluded, or its TIFF tag MaxSampleValue if that is higher. 0 for an image
+// of 8 bits. Decodes 16-bit images.
+StatusOr<int> HighestSample(const std::string& path);
 
 // Likelihoods of `classes` classes, from one of three formats, detected from the content: multi-page TIFF (8/16 bit or
 // float), NPY (classes x height x width; uint8, float16, float32), or a label PNG (class ids, 255 unknown; the class of

@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstring>
 #include <memory>
+#include <opencv2/core.hpp>
 
 #include "absl/strings/str_cat.h"
 
@@ -236,6 +237,154 @@ StatusOr<std::vector<uint8_t>> EncodeTiffPages(const ByteImage& pages) {
     }
   }
   return std::move(memory.bytes);
+}
+
+namespace {
+
+// The layout of the pixels of a TIFF photograph.
+struct PhotographLayout {
+  uint16_t samples = 1, bits = 1, format = SAMPLEFORMAT_UINT, photometric = PHOTOMETRIC_MINISBLACK;
+  uint16_t planar = PLANARCONFIG_CONTIG, orientation = ORIENTATION_TOPLEFT;
+  bool has_alpha = false;
+
+  explicit PhotographLayout(TIFF* tiff) {
+    TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLESPERPIXEL, &samples);
+    TIFFGetFieldDefaulted(tiff, TIFFTAG_BITSPERSAMPLE, &bits);
+    TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLEFORMAT, &format);
+    TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
+    TIFFGetFieldDefaulted(tiff, TIFFTAG_ORIENTATION, &orientation);
+    TIFFGetField(tiff, TIFFTAG_PHOTOMETRIC, &photometric);
+    uint16_t count = 0, *kinds = nullptr;
+    TIFFGetFieldDefaulted(tiff, TIFFTAG_EXTRASAMPLES, &count, &kinds);
+    has_alpha = count == 1 && kinds[0] != EXTRASAMPLE_UNSPECIFIED && IsPlain() && samples % 2 == 0;
+  }
+  bool IsUnsigned() const { return format == SAMPLEFORMAT_UINT || format == SAMPLEFORMAT_VOID; }
+  // Whether the stored samples are grey or RGB values, pixel after pixel.
+  bool IsPlain() const {
+    if ((bits != 8 && bits != 16) || (planar != PLANARCONFIG_CONTIG && samples > 1)) return false;
+    if (photometric == PHOTOMETRIC_RGB) return samples == 3 || samples == 4;
+    return (photometric == PHOTOMETRIC_MINISBLACK && samples <= 2) ||
+           (photometric == PHOTOMETRIC_MINISWHITE && samples == 1 && bits == 16);
+  }
+};
+
+// Copies `width` pixels of `layout`, RGB, to grey, BGR or BGRA.
+template <class Value>
+void CopyPixels(const uint8_t* from, int width, const PhotographLayout& layout, int channels, uint8_t* to) {
+  const auto* in = reinterpret_cast<const Value*>(from);
+  auto* out = reinterpret_cast<Value*>(to);
+  const int colours = layout.samples < 3 ? 1 : 3;
+  for (int x = 0; x < width; ++x, in += layout.samples, out += channels) {
+    for (int c = 0; c < std::min(channels, 3); ++c) out[c] = in[colours == 1 ? 0 : 2 - c];
+    if (channels == 4) out[3] = in[colours];
+  }
+}
+
+Status ReadPlainPixels(TIFF* tiff, const std::string& path, const PhotographLayout& layout, const std::string& error,
+                       cv::Mat* image) {
+  const int pixel_bytes = layout.samples * layout.bits / 8, channels = image->channels();
+  const auto copy = [&](const uint8_t* from, int x, int y, int width) {
+    uint8_t* to = image->ptr(y) + x * image->elemSize();
+    if (layout.bits == 8) {
+      CopyPixels<uint8_t>(from, width, layout, channels, to);
+    } else {
+      CopyPixels<uint16_t>(from, width, layout, channels, to);
+    }
+  };
+  const auto damaged = [&](int y) {
+    return InputError(path, absl::StrCat("row ", y), error.empty() ? "unreadable pixels" : error,
+                      "an undamaged image: copy or export it again");
+  };
+  if (TIFFIsTiled(tiff)) {
+    uint32_t width = 0, height = 0;
+    TIFFGetField(tiff, TIFFTAG_TILEWIDTH, &width);
+    TIFFGetField(tiff, TIFFTAG_TILELENGTH, &height);
+    if (width == 0 || height == 0 || width > 8192 || height > 8192 ||
+        TIFFTileSize(tiff) != static_cast<tmsize_t>(size_t{width} * height * pixel_bytes)) {
+      return InputError(path, "", absl::StrCat("tiles of ", width, " x ", height, " pixels"),
+                        "1 x 1 to 8192 x 8192");
+    }
+    std::vector<uint8_t> tile(TIFFTileSize(tiff));
+    const int step_x = static_cast<int>(width), step_y = static_cast<int>(height);
+    for (int y0 = 0; y0 < image->rows; y0 += step_y) {
+      for (int x0 = 0; x0 < image->cols; x0 += step_x) {
+        if (TIFFReadTile(tiff, tile.data(), x0, y0, 0, 0) < 0) return damaged(y0);
+        for (int y = y0; y < std::min(image->rows, y0 + step_y); ++y) {
+          copy(&tile[size_t(y - y0) * width * pixel_bytes], x0, y, std::min(step_x, image->cols - x0));
+        }
+      }
+    }
+    return absl::OkStatus();
+  }
+  std::vector<uint8_t> row(static_cast<size_t>(image->cols) * pixel_bytes);
+  if (TIFFScanlineSize(tiff) != static_cast<tmsize_t>(row.size())) {
+    return InputError(path, "", absl::StrCat("rows of ", TIFFScanlineSize(tiff), " bytes"), absl::StrCat(row.size()));
+  }
+  for (int y = 0; y < image->rows; ++y) {
+    if (TIFFReadScanline(tiff, row.data(), y) < 0) return damaged(y);
+    copy(row.data(), 0, y, image->cols);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<TiffPhotographHeader> ReadTiffPhotographHeader(const std::string& path) {
+  std::string error;
+  const TiffPtr tiff = OpenTiff(path, &error);
+  if (!tiff) return InputError(path, "", error, "a TIFF file");
+  const TiffSize size = CurrentSize(tiff.get());
+  if (size.width <= 0 || size.height <= 0) return InputError(path, "page 1", "no image size", "an image");
+  const PhotographLayout layout(tiff.get());
+  TiffPhotographHeader header = {size.width, size.height, layout.bits, layout.has_alpha, layout.orientation};
+  uint16_t highest = 0;
+  if (TIFFGetField(tiff.get(), TIFFTAG_MAXSAMPLEVALUE, &highest)) header.highest_sample = highest;
+  return header;
+}
+
+Status DecodeTiffPhotograph(const std::string& path, cv::Mat* image) {
+  std::string error;
+  const TiffPtr tiff = OpenTiff(path, &error);
+  if (!tiff) return InputError(path, "", error, "a TIFF file");
+  const PhotographLayout layout(tiff.get());
+  const TiffSize size = CurrentSize(tiff.get());
+  const std::string samples = absl::StrCat(
+      layout.bits, "-bit ", layout.format == SAMPLEFORMAT_INT ? "signed " : layout.IsUnsigned() ? "" : "float ");
+  constexpr char kExpected[] = "8- or 16-bit unsigned samples: export the image in this format";
+  if (!layout.IsUnsigned() || (layout.bits > 8 && layout.bits != 16)) {
+    return InputError(path, "", absl::StrCat(samples, "samples"), kExpected);
+  }
+  if (layout.samples > 4) {
+    return InputError(path, "", absl::StrCat(layout.samples, " samples a pixel"),
+                      "grey or RGB: export the image with its red, green and blue bands only");
+  }
+  if (layout.IsPlain()) {
+    const int channels = layout.has_alpha ? 4 : layout.samples < 3 ? 1 : 3;
+    image->create(size.height, size.width, CV_MAKETYPE(layout.bits == 8 ? CV_8U : CV_16U, channels));
+    return ReadPlainPixels(tiff.get(), path, layout, error, image);
+  }
+  if (layout.bits == 16) {
+    return InputError(path, "", "16-bit samples that are not grey or RGB, pixel after pixel",
+                      "16-bit grey or RGB: export the image in this format");
+  }
+  // Palettes, YCbCr, CMYK and others are converted by libtiff.
+  TIFFSetField(tiff.get(), TIFFTAG_ORIENTATION, ORIENTATION_TOPLEFT);  // pixels as stored
+  std::vector<uint32_t> raster(static_cast<size_t>(size.width) * size.height);
+  if (!TIFFReadRGBAImageOriented(tiff.get(), size.width, size.height, raster.data(), ORIENTATION_TOPLEFT, 1)) {
+    return InputError(path, "", error.empty() ? "a damaged TIFF image" : error,
+                      "an undamaged grey or RGB image: export it again");
+  }
+  image->create(size.height, size.width, CV_8UC3);
+  for (int y = 0; y < size.height; ++y) {
+    uint8_t* row = image->ptr(y);
+    for (int x = 0; x < size.width; ++x) {
+      const uint32_t pixel = raster[static_cast<size_t>(y) * size.width + x];
+      row[3 * x] = TIFFGetB(pixel);
+      row[3 * x + 1] = TIFFGetG(pixel);
+      row[3 * x + 2] = TIFFGetR(pixel);
+    }
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace tessera

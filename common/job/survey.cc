@@ -130,6 +130,9 @@ static void to_json(json& j, const SceneView& view) {
        {"intrinsics", view.camera.intrinsics},
        {"rotation_cam_from_local", MatrixToJson(view.camera.rotation_cam_from_world)},
        {"translation_cam_from_local", VectorToJson(view.camera.translation_cam_from_world)}};
+  if (!view.mask_path.empty()) j["mask"] = view.mask_path;
+  if (view.masked) j["masked"] = true;
+  if (view.white_level > 0) j["white_level"] = view.white_level;
 }
 static void from_json(const json& j, SceneView& view) {
   view.name = j.at("name");
@@ -139,6 +142,9 @@ static void from_json(const json& j, SceneView& view) {
   view.image_content = j.at("image_content");
   view.likelihood_content = j.at("likelihood_content");
   view.withdrawn = j.at("withdrawn");
+  view.mask_path = j.value("mask", std::string());
+  view.masked = j.value("masked", false);
+  view.white_level = j.value("white_level", 0);
   const json& lens = j.at("lens");
   view.lens.kind = static_cast<LensModel::Kind>(lens.at("kind").get<int>());
   view.lens.pinhole = lens.at("pinhole");
@@ -272,6 +278,7 @@ Survey WithoutNames(Survey survey) {
     view.flight = -1;
     if (!view.image_path.empty()) view.image_path = ViewFileName(static_cast<int32_t>(v), false);
     const bool made = !survey.classifier.empty() && !view.withdrawn;
+    if (!view.mask_path.empty()) view.mask_path = ViewMaskName(static_cast<int32_t>(v));
     if (made || !view.likelihood_path.empty()) view.likelihood_path = ViewFileName(static_cast<int32_t>(v), true);
   }
   return survey;

@@ -54,6 +54,11 @@ std::string ViewFileName(int32_t view, bool likelihoods) {
   return "views/" + number + (likelihoods ? kLikelihoodsEnding : ".image");
 }
 
+std::string ViewMaskName(int32_t view) {
+  const std::string image = ViewFileName(view, false);
+  return image.substr(0, image.rfind('.')) + ".mask";
+}
+
 std::string ViewBordersName(int32_t view) {
   const std::string image = ViewFileName(view, false);
   return image.substr(0, image.rfind('.')) + ".borders";

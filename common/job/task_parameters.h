@@ -42,6 +42,8 @@ inline constexpr char kOutdatedFile[] = "outdated.arrays";
 // suffix.
 inline constexpr char kLikelihoodsEnding[] = ".likelihoods";
 std::string ViewFileName(int32_t view, bool likelihoods);
+// The same for the mask of its photograph.
+std::string ViewMaskName(int32_t view);
 // The file with the border counts of a view's likelihoods, written by classify.
 std::string ViewBordersName(int32_t view);
 

@@ -14,13 +14,12 @@
 #include "common/base/parallel.h"
 #include "common/colmap/colmap.h"
 #include "common/geometry/repair.h"
-#include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
+#include "common/scene/photographs.h"
 #include "common/scene/skip_images.h"
 #include "common/scene/tie_points.h"
-#include "common/storage/hash.h"
 
 namespace tessera {
 namespace {
@@ -126,6 +125,7 @@ class SceneChecker {
       summary_.contents.push_back(content.ok() ? *content : PixelContent());
     }
     summary_.borders = borders.Trusts();
+    WarnOfContents(scene_, summary_.contents, &warnings_);
   }
 
   Status CheckMeshAndVisibility() {
@@ -256,34 +256,6 @@ class SceneChecker {
 
 }  // namespace
 
-StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders, Status* broken) {
-  PixelContent content;
-  Faults faults;
-  const auto take = [&faults](StatusOr<FloatImage> image, std::string* hash) -> FloatImage {
-    faults.Add(image.status());
-    if (!image.ok()) return {};
-    *hash = Xxh3Hex(image->data.data(), image->data.size() * sizeof(float));
-    return *std::move(image);
-  };
-  FloatImage luminance;
-  if (!view.image_path.empty()) {
-    luminance = take(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens), &content.image);
-    if (broken != nullptr && !faults.empty()) {
-      *broken = faults.ToStatus();
-      return PixelContent();
-    }
-  }
-  if (!view.likelihood_path.empty()) {
-    if (borders == nullptr) luminance = FloatImage();  // release the image before the likelihoods are read
-    const FloatImage likelihoods =
-        take(ReadLikelihoods(absl::StrCat(folder, "/", view.likelihood_path), classes, view.lens), &content.likelihood);
-    if (borders != nullptr) borders->Add(luminance, likelihoods);
-  }
-  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
-  return content;
-}
-
 StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
                                   Warnings* warnings, const TaskControl& control) {
   Warnings unused;
@@ -292,6 +264,8 @@ StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOption
   CheckedScene checked;
   checked.scene = LoadSceneCollecting(path, load, warnings, &faults);
   if (checked.scene.files.empty()) return faults.ToStatus();  // no scene.json
+  TESSERA_RETURN_IF_ERROR(ChooseWhiteLevels(std::vector<uint8_t>(checked.scene.views.size(), 1), control,
+                                            &checked.scene, warnings));
   TESSERA_ASSIGN_OR_RETURN(checked.summary,
                            SceneChecker(load, max_mesh_faces, warnings, &faults, control, &checked.scene).Check());
   faults.Add(SkipAdvice(checked.scene));

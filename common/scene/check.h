@@ -20,6 +20,7 @@ namespace tessera {
 // XXH3-128 hashes of a view's decoded files; empty if it has no such file.
 struct PixelContent {
   std::string image, likelihood;
+  double masked_share = 0;  // of the photograph's pixels
 };
 
 // Decodes the view's image and its likelihoods of `classes` classes, below `folder`. INVALID_ARGUMENT lists the errors

@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
-#include "common/imaging/image_io.h"
+#include "common/scene/photographs.h"
 
 namespace tessera {
 namespace {
@@ -154,7 +154,8 @@ StatusOr<FitImages::Image> FitImages::Load(int view) const {
   const SceneView& from = scene_.views[view];
   Image image;
   TESSERA_ASSIGN_OR_RETURN(image.luminance,
-                           ReadLuminance(absl::StrCat(scene_.folder, "/", from.image_path), from.lens));
+                           ReadLuminance(absl::StrCat(scene_.folder, "/", from.image_path), from.lens,
+                                         OptionsOf(scene_.folder, from)));
   while (int64_t{image.luminance.width} * image.luminance.height > largest_pixels_) {
     // An odd last row or column is dropped, so the scale is exactly two.
     image.luminance = Halved(image.luminance);

@@ -14,6 +14,7 @@
 #include "common/meshio/mesh_format.h"
 #include "common/colmap/colmap.h"
 #include "common/scene/image_files.h"
+#include "common/scene/photographs.h"
 #include "common/scene/scene_json.h"
 #include "common/scene/skip_images.h"
 #include "common/storage/files.h"
@@ -53,6 +54,7 @@ class SceneLoader {
     scene_.files.push_back(fs::path(file).filename().string());
     LoadCameras();
     FindImages();
+    FindMasks();
     FindLikelihoods();
     FindMesh();
     ChooseClasses();
@@ -169,16 +171,17 @@ class SceneLoader {
         paths[i] = *inside;
       }
     }
-    std::vector<Status> checked(scene_.views.size());
+    std::vector<StatusOr<std::optional<ImageHeader>>> read(scene_.views.size(), std::optional<ImageHeader>());
     ParallelForEach(scene_.views.size(), 1, [&](size_t i) {
-      if (!paths[i].empty()) checked[i] = CheckImage(paths[i], scene_.views[i], &broken[i]);
+      if (paths[i].empty()) return;
+      read[i] = ReadHeader(paths[i], absl::StrCat("image '", scene_.views[i].name, "'"), &broken[i]);
     });
     if (const Status skipped = SkipImages(broken, options_.skip_images, warnings_, &scene_); skipped.ok()) {
       for (size_t i = 0; i < broken.size(); ++i) {
         if (!broken[i].ok() && !paths[i].empty()) scene_.files.push_back(paths[i]);
       }
       for (auto* list : {&paths, &model_names_}) KeepUsable(broken, list);
-      KeepUsable(broken, &checked);
+      KeepUsable(broken, &read);
       missing.clear();
     } else if (options_.skip_images > 0) {
       faults_.Add(skipped);
@@ -187,9 +190,16 @@ class SceneLoader {
       faults_.Add(MissingImagesError(Full(json_.images.path), missing, hints, scene_.views.size()));
     }
     for (const Status& fault : of_names) faults_.Add(fault);
-    for (size_t i = 0; i < checked.size(); ++i) {
-      faults_.Add(checked[i]);
-      if (paths[i].empty() || !checked[i].ok()) continue;
+    std::vector<std::optional<ImageHeader>> headers(read.size());
+    for (size_t i = 0; i < read.size(); ++i) {
+      if (read[i].ok()) headers[i] = *read[i];
+      scene_.views[i].masked = headers[i] && headers[i]->has_alpha;
+    }
+    const std::vector<Status> sizes = FitLenses(headers, json_.images.path, &scene_, warnings_);
+    for (size_t i = 0; i < read.size(); ++i) {
+      faults_.Add(read[i].status());
+      faults_.Add(sizes[i]);
+      if (paths[i].empty() || !read[i].ok() || !sizes[i].ok()) continue;
       scene_.views[i].image_path = paths[i];
       scene_.files.push_back(paths[i]);
     }
@@ -197,38 +207,73 @@ class SceneLoader {
 
   // All files of the images folder, relative to it; none if it cannot be listed.
   std::vector<std::string> ListImages() {
+    const StatusOr<std::vector<std::string>> files = ListScene(json_.images.path);
+    return files.ok() ? *files : std::vector<std::string>();
+  }
+
+  // All files of the folder at `relative`, relative to it, with those that are elsewhere; sorted.
+  StatusOr<std::vector<std::string>> ListScene(const std::string& relative) const {
     std::vector<std::string> names;
-    std::string prefix = json_.images.path + "/";
+    std::string prefix = relative + "/";
     while (prefix.ends_with("//")) prefix.pop_back();
     for (const std::string& file : options_.elsewhere) {
       if (file.starts_with(prefix)) names.push_back(file.substr(prefix.size()));
     }
-    if (options_.allowed.IsFolder(Full(json_.images.path)).value_or(false)) {
-      const StatusOr<std::vector<std::string>> files = options_.allowed.List(Full(json_.images.path));
-      if (files.ok()) names.insert(names.end(), files->begin(), files->end());
+    if (options_.allowed.IsFolder(Full(relative)).value_or(false)) {
+      TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> files, options_.allowed.List(Full(relative)));
+      names.insert(names.end(), files.begin(), files.end());
     }
     std::sort(names.begin(), names.end());
     names.erase(std::unique(names.begin(), names.end()), names.end());
     return names;
   }
 
-  // Compares the size in the header of the image at `inside`, relative to the scene's folder, with the view's camera.
-  // `broken`: receives the error if the header cannot be read.
-  Status CheckImage(const std::string& inside, const SceneView& view, Status* broken) const {
-    if (options_.elsewhere.contains(inside)) return absl::OkStatus();
+  // The header of the file at `inside`, relative to the scene's folder; none if it is elsewhere. `what`: for errors.
+  // `broken` (may be null): receives the error if the header cannot be read.
+  StatusOr<std::optional<ImageHeader>> ReadHeader(const std::string& inside, const std::string& what,
+                                                  Status* broken = nullptr) const {
+    if (options_.elsewhere.contains(inside)) {
+      const auto size = options_.sizes_elsewhere.find(inside);
+      if (size == options_.sizes_elsewhere.end()) return std::nullopt;
+      return ImageHeader{size->second};
+    }
     const std::string path = Full(inside);
     const StatusOr<AllowedFile> file = options_.allowed.Open(path);
     if (!file.ok()) {
       return absl::IsNotFound(file.status())
-                 ? InputError(path, "", "no such file", absl::StrCat("image '", view.name, "' of the COLMAP model"))
+                 ? InputError(path, "", "no such file", absl::StrCat(what, " of the COLMAP model"))
                  : file.status();
     }
-    const StatusOr<ImageSize> size = ReadImageSize(file->path());
-    if (!size.ok()) return *broken = Named(size.status(), *file, path);
-    if (size->width == view.lens.pinhole.width && size->height == view.lens.pinhole.height) return absl::OkStatus();
-    return InputError(
-        path, "", absl::StrCat(size->width, " x ", size->height, " pixels"),
-        absl::StrCat(view.lens.pinhole.width, " x ", view.lens.pinhole.height, " (the size of its camera)"));
+    const StatusOr<ImageHeader> header = ReadImageHeader(file->path());
+    if (!header.ok()) {
+      const Status fault = Named(header.status(), *file, path);
+      if (broken != nullptr) *broken = fault;
+      return fault;
+    }
+    return *header;
+  }
+
+  void FindMasks() {
+    const std::string folder = json_.masks.path;
+    if (json_.masks.given && !IsFolder(Full(folder))) {
+      return faults_.Add(InputError(Full(folder), "", "no such folder", "the masks that scene.json names"));
+    }
+    const StatusOr<std::vector<std::string>> files = ListScene(folder);
+    if (!files.ok()) return faults_.Add(files.status());
+    if (files->empty()) return;
+    const std::vector<std::string> masks = FindMaskFiles(scene_, *files, folder, warnings_, &faults_);
+    for (size_t v = 0; v < masks.size(); ++v) {
+      if (masks[v].empty()) continue;
+      SceneView& view = scene_.views[v];
+      const std::string path = absl::StrCat(folder, "/", masks[v]);
+      const StatusOr<std::optional<ImageHeader>> header =
+          ReadHeader(path, absl::StrCat("the mask of image '", view.name, "'"));
+      faults_.Add(header.status());
+      if (!header.ok()) continue;
+      view.mask_path = path;
+      view.masked = true;
+      scene_.files.push_back(path);
+    }
   }
 
   void WarnOfDefault() {

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -12,6 +13,7 @@
 #include "common/geodesy/frame.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
+#include "common/imaging/image_io.h"
 #include "common/storage/allowed_files.h"
 
 namespace tessera {
@@ -44,6 +46,10 @@ struct SceneView {
   // unknown, or no such file.
   std::string image_content = {}, likelihood_content = {};
   bool withdrawn = false;  // a view of the base job that is no longer used; it keeps its index
+  std::string mask_path = {};  // empty: no mask
+  // It has a mask or an alpha channel: pixels without luminance are no evidence. Ingest resets it if nothing is masked.
+  bool masked = false;
+  int white_level = 0;  // PhotographOptions::white_level; chosen when pixels are read (ChooseWhiteLevels)
 };
 
 // An image of the camera model that is left out. `reason`: what is wrong with its file, such as "no such file".
@@ -82,6 +88,7 @@ std::vector<std::string> ViewStems(const SceneDescription& scene);
 struct SceneLoadOptions {
   // Paths of files that are stored elsewhere and already validated: they need not exist in the folder.
   std::set<std::string> elsewhere = {};
+  std::map<std::string, ImageSize> sizes_elsewhere = {};  // of images among them, where known
   bool needs_mesh = true;  // false: the mesh may be missing, because the scene extends that of the base job
   // The base job's frame; a scene with another crs is an error. None: a frame around the cameras.
   std::optional<Frame> frame = {};

@@ -318,6 +318,7 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
   in.Path("cameras", &scene.cameras);
   in.Path("images", &scene.images);
   in.Path("likelihoods", &scene.likelihoods);
+  in.Path("masks", &scene.masks);
   in.String("likelihoods_source", &scene.likelihoods_source);
   in.Path("mesh", &scene.mesh);
   if (const Json* value = in.Find("label_property")) ParseLabelProperty(*value, file, &scene, faults);

@@ -25,7 +25,7 @@ struct FlightEntry {
 
 struct SceneFile {
   std::string name;
-  ScenePath cameras{"colmap"}, images{"images"}, likelihoods{"likelihoods"}, mesh{"mesh.ply"};
+  ScenePath cameras{"colmap"}, images{"images"}, likelihoods{"likelihoods"}, masks{"masks"}, mesh{"mesh.ply"};
   std::optional<std::string> label_property;  // of the mesh; empty: its labels are ignored; none: found by its name
   std::string likelihoods_source;             // written by tessera classify: "annotations", "model" or "default"
   std::vector<SceneClass> classes;            // default: KnownClasses()

@@ -33,6 +33,7 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
     added.set_file(file.file);
     added.set_view(file.view);
     added.set_likelihoods(file.likelihoods);
+    added.set_mask(file.mask);
   }
   for (const PlannedInput& input : task.inputs) {
     v1::PlannedInputRecord& added = *record->add_inputs();

@@ -109,7 +109,7 @@ Status CheckPlanned(const Ledger& ledger, const v1::TasksPlanned& change) {
     }
     for (const auto& file : planned.view_files()) {
       if (file.file() >= 0 && file.file() < static_cast<int>(job.scene_files.size()) && file.view() >= 0 &&
-          names.insert(ViewFileName(file.view(), file.likelihoods())).second) {
+          names.insert(ViewInputName({file.file(), file.view(), file.likelihoods(), file.mask()})).second) {
         continue;
       }
       return fault("file " + std::to_string(file.file()) + " of view " + std::to_string(file.view()) + ", of " +

@@ -29,7 +29,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.stored_bytes = std::clamp(record.stored_bytes(), int64_t{0}, kMaxStoredBytes);
   task.scene_files = std::vector<int>(record.scene_files().begin(), record.scene_files().end());
   for (const auto& file : record.view_files()) {
-    task.view_files.Edit().push_back({file.file(), file.view(), file.likelihoods()});
+    task.view_files.Edit().push_back({file.file(), file.view(), file.likelihoods(), file.mask()});
   }
   for (const auto& input : record.inputs()) {
     task.inputs.push_back({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});

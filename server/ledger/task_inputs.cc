@@ -27,7 +27,7 @@ StatusOr<std::vector<NamedDigest>> InputsOf(const Job& job, const PlannedTask& t
     inputs.push_back({std::string(kSceneFolder) + "/" + found.name, found.digest});
   }
   for (const PlannedTask::ViewFile& file : *task.view_files) {
-    inputs.push_back({ViewFileName(file.view, file.likelihoods), job.scene_files[file.file].digest});
+    inputs.push_back({ViewInputName(file), job.scene_files[file.file].digest});
   }
   return inputs;
 }

@@ -24,6 +24,7 @@ std::vector<PlannedTask> PlanClassify(const ClassifyWork& work) {
     SceneView view = survey.views[v];
     view.name.clear();
     view.image_path.clear();
+    if (!view.mask_path.empty()) view.mask_path = ViewMaskName(v);
     view.flight = -1;
     ClassifyParameters parameters;
     parameters.view = v;

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <map>
 #include <numeric>
+#include <set>
 #include <string>
 #include <utility>
 
@@ -47,8 +48,15 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   std::map<std::string, std::string> name_of_content;  // in `scene_files`
   for (const NamedDigest& file : scene_files) name_of_content.emplace(file.digest.sha256, file.name);
   std::map<std::string, std::string> content_of_path;  // of images and likelihoods of the base
+  // Images with masks, and these: image_content depends on both files.
+  std::set<std::string> read_again;
   std::map<std::string, std::string> classified;       // of images, if the base computed likelihoods
   for (const SceneView& view : survey.views) {
+    if (!view.mask_path.empty()) {
+      read_again.insert({view.image_path, view.mask_path});
+      if (!view.likelihood_path.empty()) content_of_path[view.likelihood_path] = view.likelihood_content;
+      continue;
+    }
     if (!survey.classifier.empty()) classified[view.image_path] = view.likelihood_content;
     if (!view.image_path.empty()) content_of_path[view.image_path] = view.image_content;
     if (!view.likelihood_path.empty()) content_of_path[view.likelihood_path] = view.likelihood_content;
@@ -57,11 +65,14 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   std::map<std::string, UpdateFiles::Known> known_of_content;
   for (const NamedDigest& file : base.scene_files) {
     const auto pixels = content_of_path.find(file.name);
-    if (pixels == content_of_path.end() && file.name != survey.mesh_path) continue;  // such as cameras
-    UpdateFiles::Known& known = known_of_content[file.digest.sha256];
-    known.mesh = pixels == content_of_path.end();
-    if (!known.mesh) known.content = pixels->second;
-    if (const auto of = classified.find(file.name); of != classified.end()) known.classified = of->second;
+    const bool again = read_again.contains(file.name);
+    if (pixels == content_of_path.end() && file.name != survey.mesh_path && !again) continue;  // such as cameras
+    if (!again) {
+      UpdateFiles::Known& known = known_of_content[file.digest.sha256];
+      known.mesh = pixels == content_of_path.end();
+      if (!known.mesh) known.content = pixels->second;
+      if (const auto of = classified.find(file.name); of != classified.end()) known.classified = of->second;
+    }
     const auto name = name_of_content.find(file.digest.sha256);
     if (name == name_of_content.end())
       return absl::InternalError(base.name + ": " + file.name + " is missing from the update's files");

@@ -8,6 +8,10 @@ std::string InputName(const PlannedInput& input) {
   return input.tile < 0 ? input.output.str() : TileInputName(input.tile, input.output);
 }
 
+std::string ViewInputName(const PlannedTask::ViewFile& file) {
+  return file.mask ? ViewMaskName(file.view) : ViewFileName(file.view, file.likelihoods);
+}
+
 void SetCost(const Prediction& cost, PlannedTask* task) {
   task->cost = cost.core_seconds;
   task->peak_bytes = cost.peak_bytes;
@@ -30,12 +34,12 @@ StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Sur
   std::vector<std::vector<PlannedTask::ViewFile>> found(survey.views.size());
   for (size_t v = 0; v < survey.views.size(); ++v) {
     const SceneView& view = survey.views[v];
-    for (const bool likelihoods : {false, true}) {
-      const std::string& path = likelihoods ? view.likelihood_path : view.image_path;
-      if (path.empty()) continue;
-      const auto it = std::lower_bound(files.begin(), files.end(), path);
-      if (it == files.end() || *it != path) return absl::NotFoundError("the scene has no file " + path);
-      found[v].push_back({static_cast<int>(it - files.begin()), static_cast<int32_t>(v), likelihoods});
+    for (const std::string* path : {&view.image_path, &view.mask_path, &view.likelihood_path}) {
+      if (path->empty()) continue;
+      const auto it = std::lower_bound(files.begin(), files.end(), *path);
+      if (it == files.end() || *it != *path) return absl::NotFoundError("the scene has no file " + *path);
+      found[v].push_back({static_cast<int>(it - files.begin()), static_cast<int32_t>(v), path == &view.likelihood_path,
+                          path == &view.mask_path});
     }
   }
   return found;

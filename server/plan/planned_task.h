@@ -45,11 +45,12 @@ struct PlannedTask {
   // The scene's files that it reads, as ascending indices in the scene's sorted list (cities have millions). The task
   // finds each at its path below kSceneFolder.
   LazyValue<std::vector<int>> scene_files = {};
-  // Files of views, named ViewFileName. Not in the task's key, because other inputs contain their digests.
+  // Files of views, named ViewFileName or ViewMaskName. Not in the task's key, because other inputs contain their digests.
   struct ViewFile {
     int file = 0;  // index in the scene's list
     int32_t view = 0;
     bool likelihoods = false;
+    bool mask = false;
     friend bool operator==(const ViewFile&, const ViewFile&) = default;
   };
   LazyValue<std::vector<ViewFile>> view_files = {};
@@ -60,13 +61,16 @@ struct PlannedTask {
   int64_t stored_bytes = 0;  // predicted size of its outputs; 0: not predicted
 };
 
+// Path of the file, relative to the reader's input folder.
+std::string ViewInputName(const PlannedTask::ViewFile& file);
+
 void SetCost(const Prediction& cost, PlannedTask* task);
 
 // The names of the survey's views, for messages; empty if they take more than 1 MiB, because they become parameters of a
 // task.
 std::vector<std::string> ViewNames(const Survey& survey);
 
-// Per view: its image and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of a
+// Per view: its image, mask and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of a
 // missing one.
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
                                                                        const std::vector<std::string>& files);

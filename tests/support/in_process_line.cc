@@ -33,7 +33,7 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
           std::string(kSceneFolder) + "/" + scene.files[file]);
   }
   for (const PlannedTask::ViewFile& file : *planned.view_files) {
-    bring(fs::path(scene.folder) / scene.files.at(file.file), ViewFileName(file.view, file.likelihoods));
+    bring(fs::path(scene.folder) / scene.files.at(file.file), ViewInputName(file));
   }
   const TaskRequest request = {planned.kind, planned.parameters, input_dir, task.output_dir};
   TESSERA_ASSIGN_OR_RETURN(task.outcome, runner ? runner(request) : RunTask(request, TaskControl()));

@@ -14,6 +14,11 @@ bool BlockLikelihoods::At(const ChangeView& view, const Eigen::Vector3d& p, floa
   if (view.likelihoods.channels < classes_ || view.likelihoods.empty()) return false;
   const Eigen::Vector3d pixel = view.camera.Project(p);
   if (!view.camera.InImage(pixel)) return false;
+  if (view.masked) {
+    const int u = static_cast<int>(pixel.x()) - view.x0, v = static_cast<int>(pixel.y()) - view.y0;
+    if (u < 0 || v < 0 || u >= view.luminance.width || v >= view.luminance.height) return false;
+    if (std::isnan(view.luminance.at(u, v))) return false;
+  }
   const PixelMapping& map = view.likelihood_at;
   const double x = map.scale_x * pixel.x() + map.offset_x - map.first_x;
   const double y = map.scale_y * pixel.y() + map.offset_y - map.first_y;

@@ -16,6 +16,7 @@ struct ChangeView {
   PosedCamera camera;          // undistorted, of the whole image; local frame
   FloatImage luminance;        // NaN: no data
   int x0 = 0, y0 = 0;          // position of the first loaded pixel in the whole image
+  bool masked = false;         // likelihoods count only where luminance has data
   FloatImage likelihoods;      // one plane per class, any resolution; empty: none
   PixelMapping likelihood_at;  // from the whole image's pixels to pixels of `likelihoods`
 };

@@ -99,6 +99,7 @@ class ViewUpdater {
       SceneView& view = survey_.views[v];
       if (!matched_[v] && !whole && !view.withdrawn) {
         Carry(&view.image_path);
+        Carry(&view.mask_path);
         Carry(&view.likelihood_path);
       }
       if ((matched_[v] || !whole) && !withdrawn_flights_.contains(view.flight)) continue;
@@ -108,6 +109,7 @@ class ViewUpdater {
       }
       view.withdrawn = true;
       view.image_path.clear();
+      view.mask_path.clear();
       view.likelihood_path.clear();
     }
     std::sort(left.begin(), left.end(), [](const SceneView* a, const SceneView* b) { return a->name < b->name; });

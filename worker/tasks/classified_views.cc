@@ -27,7 +27,7 @@ Status FillClassifiedContents(const Survey& survey, const std::set<std::string>&
   ParallelForEach(scene->views.size(), 1, [&](int64_t v) {
     SceneView& view = scene->views[v];
     if (!control.Check().ok() || known.contains(view.image_path)) return;
-    const auto rgb = ReadRgb(absl::StrCat(scene->folder, "/", view.image_path));
+    const auto rgb = ReadRgb(absl::StrCat(scene->folder, "/", view.image_path), view.white_level);
     statuses[v] = rgb.status();
     if (rgb.ok()) view.likelihood_content = ClassifiedContent(survey, Xxh3Hex(rgb->data.data(), rgb->data.size()));
   });

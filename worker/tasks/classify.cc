@@ -9,6 +9,7 @@
 #include "common/imaging/image_io.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
+#include "common/scene/photographs.h"
 #include "common/storage/files.h"
 #include "worker/city/city_file.h"
 #include "worker/city/view_box.h"
@@ -59,6 +60,7 @@ StatusOr<SceneDescription> SceneOf(const ClassifyParameters& parameters, const s
   scene.up_in_local = Eigen::Map<const Eigen::Vector3d>(parameters.up.data());
   scene.views = std::move(views);
   scene.views[0].image_path = ViewFileName(parameters.view, false);
+  if (!scene.views[0].mask_path.empty()) scene.views[0].mask_path = ViewMaskName(parameters.view);
   return scene;
 }
 
@@ -100,7 +102,8 @@ StatusOr<TaskOutcome> RunClassify(const TaskRequest& request, const TaskControl&
   // As ingest does for a scene with likelihoods.
   const int classes = static_cast<int>(names.size());
   BorderCounts borders(classes);
-  TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance, ReadLuminance(InputPath(request, view.image_path), view.lens));
+  TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance, ReadLuminance(InputPath(request, view.image_path), view.lens,
+                                                                   OptionsOf(request.input_dir, view)));
   TESSERA_ASSIGN_OR_RETURN(const FloatImage read, ReadLikelihoods(OutputPath(request, file), classes, view.lens));
   borders.Add(luminance, read);
   TESSERA_RETURN_IF_ERROR(

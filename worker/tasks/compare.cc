@@ -6,6 +6,7 @@
 #include "common/job/change_cells.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
+#include "common/scene/photographs.h"
 #include "common/storage/files.h"
 #include "worker/changes/measure_changes.h"
 #include "worker/tasks/refined_surface.h"
@@ -56,8 +57,10 @@ StatusOr<ChangeView> LoadView(const TaskRequest& request, const SceneView& view,
   loaded.camera = view.camera;
   loaded.x0 = part.x0;
   loaded.y0 = part.y0;
+  loaded.masked = view.masked;
   TESSERA_ASSIGN_OR_RETURN(loaded.luminance,
-                           ReadLuminancePart(request.input_dir + "/" + view.image_path, view.lens, part));
+                           ReadLuminancePart(request.input_dir + "/" + view.image_path, view.lens, part,
+                                             OptionsOf(request.input_dir, view)));
   if (view.likelihood_path.empty()) return loaded;
   TESSERA_ASSIGN_OR_RETURN(
       LikelihoodPart likelihoods,

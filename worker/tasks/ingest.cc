@@ -125,6 +125,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
     view.camera = OnLocalGrid(view.camera);
     view.image_content = summary.contents[v].image;
     view.likelihood_content = summary.contents[v].likelihood;
+    view.masked = summary.contents[v].masked_share > 0;
   }
   const std::vector<PosedCamera> cameras = CamerasOf(scene);
   control.Report(0.3, "reading the mesh");

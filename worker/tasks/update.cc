@@ -10,6 +10,7 @@
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
 #include "common/scene/check.h"
+#include "common/scene/photographs.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "worker/city/disk_mesh.h"
@@ -21,6 +22,36 @@
 
 namespace tessera {
 namespace {
+
+// The base's views with images that the update does not read, by the image's path.
+std::map<std::string, const SceneView*> KnownImages(const UpdateFiles& files, const Survey& base) {
+  std::map<std::string, const SceneView*> of_content, found;
+  for (const SceneView& view : base.views) of_content.emplace(view.image_content, &view);
+  for (const auto& [path, known] : files.known) {
+    const auto view = of_content.find(known.content);
+    if (!known.content.empty() && view != of_content.end()) found.emplace(path, view->second);
+  }
+  return found;
+}
+
+// Sets how photographs are read: as the base did for those that it knows.
+Status FillPhotographs(const std::map<std::string, const SceneView*>& known, const TaskControl& control,
+                       SceneDescription* scene, Warnings* warnings) {
+  std::vector<uint8_t> is_read(scene->views.size(), 1);
+  for (size_t v = 0; v < scene->views.size(); ++v) {
+    SceneView& view = scene->views[v];
+    const auto of_base = known.find(view.image_path);
+    if (of_base == known.end()) continue;
+    if (!view.mask_path.empty()) {
+      return InputError(absl::StrCat(scene->folder, "/", view.mask_path), "", "a mask of an image without one in the base",
+                        "the masks of the base job for its images: remove it, or submit a new job");
+    }
+    is_read[v] = 0;
+    view.masked = of_base->second->masked;
+    view.white_level = of_base->second->white_level;
+  }
+  return ChooseWhiteLevels(is_read, control, scene, warnings);
+}
 
 // Hashes of the decoded content of the views' files: known for the base's views, computed for the others.
 Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneDescription* scene) {
@@ -43,7 +74,10 @@ Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneD
     const auto content = ReadPixelContent(scene->folder, unread, static_cast<int>(scene->classes.size()));
     statuses[v] = content.status();
     if (!content.ok()) return;
-    if (!content->image.empty()) view.image_content = content->image;
+    if (!content->image.empty()) {
+      view.image_content = content->image;
+      view.masked = content->masked_share > 0;
+    }
     if (!content->likelihood.empty()) view.likelihood_content = content->likelihood;
   });
   Faults faults;
@@ -123,6 +157,10 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   control.Report(0, "reading the scene");
   SceneLoadOptions load;
   for (const auto& [path, known] : files.known) load.elsewhere.insert(path);
+  const std::map<std::string, const SceneView*> known_images = KnownImages(files, survey);
+  for (const auto& [path, view] : known_images) {
+    load.sizes_elsewhere[path] = {view->lens.pinhole.width, view->lens.pinhole.height};
+  }
   load.needs_mesh = false;
   load.to_be_classified = !survey.classifier.empty();
   load.frame = Frame::Of(survey.crs, survey.origin_in_scene, survey.rotation_local_from_scene);
@@ -145,6 +183,7 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
     survey.label_property = scene.label_property;
   }
   for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
+  TESSERA_RETURN_IF_ERROR(FillPhotographs(known_images, control, &scene, &outcome.warnings));
   TESSERA_RETURN_IF_ERROR(FillContents(files, PartOf(control, 0, 0.4), &scene));
   if (!survey.classifier.empty()) {
     std::set<std::string> classified;

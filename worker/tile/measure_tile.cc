@@ -8,6 +8,18 @@
 namespace tessera {
 namespace {
 
+// Sets FaceMap::face to -1 where the photograph has no luminance.
+void KeepLit(const StoredTexels& level, FaceMap* map) {
+  for (int y = 0; y < map->height; ++y) {
+    for (int x = 0; x < map->width; ++x) {
+      const int u = map->x0 + x, v = map->y0 + y;
+      const bool inside = u >= level.rect.x0 && v >= level.rect.y0 && u < level.rect.x1 && v < level.rect.y1;
+      const size_t at = static_cast<size_t>(v - level.rect.y0) * level.rect.width() + (u - level.rect.x0);
+      if (!inside || level.luminance[at] == 0) map->face[static_cast<size_t>(y) * map->width + x] = -1;
+    }
+  }
+}
+
 // Draws each view once and adds its likelihoods to the faces that it shows.
 StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileImages& images,
                                          const std::vector<Eigen::Vector3d>& positions, const TaskControl& control) {
@@ -35,6 +47,7 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
     const MeshPart part = boxes.PartOf(visible.cells[v]);
     rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
     MarkNotSelected(groups, v, &maps[0]);
+    if (package.views[views[v].index].masked) KeepLit(level, &maps[0]);
     AddLikelihoods(maps[0], likelihoods, level.mapping, &sums);
   }
   return sums;

@@ -93,16 +93,16 @@ class CoreSurface {
   const RayCaster caster_;
 };
 
-struct FitPair {
+struct CorePair {
   ViewPair views;
   std::vector<uint32_t> points;
 };
 
 // Removes from each pair the points that its views do not both see.
 void KeepSeen(const CoreSurface& surface, const std::vector<FacePoint>& points, const TileImages& images,
-              std::vector<FitPair>* pairs) {
+              std::vector<CorePair>* pairs) {
   ParallelForEach(pairs->size(), 1, [&](size_t i) {
-    FitPair& pair = (*pairs)[i];
+    CorePair& pair = (*pairs)[i];
     std::erase_if(pair.points, [&](uint32_t p) {
       const SurfacePoint at = surface.At(points[p]);
       return !surface.Sees(images.views[pair.views.reference].camera, at) ||
@@ -160,9 +160,9 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
                              const std::vector<Vector3d>& positions, const TaskControl& control) {
   const TilePackage& package = work.package();
   const std::vector<FacePoint> points = CorePoints(work);
-  std::vector<FitPair> pairs;
+  std::vector<CorePair> pairs;
   for (const ViewPair& views : EvenlyPicked(images.pairs, kFitPairs)) {
-    FitPair& pair = pairs.emplace_back();
+    CorePair& pair = pairs.emplace_back();
     pair.views = views;
     for (uint32_t i = 0; i < points.size(); ++i) {
       const std::vector<uint8_t>& selected = images.groups.selected[images.groups.group_of_face[points[i].face]];

@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "common/arrays/mapped_arrays.h"
 #include "common/imaging/image_io.h"
+#include "common/scene/photographs.h"
 #include "common/storage/mapped_file.h"
 #include "worker/photo/texels.h"
 
@@ -189,7 +190,8 @@ Status CropTileViews(const TilePackage& package, const std::string& folder, cons
     std::vector<uint16_t> luminance;
     {
       TESSERA_ASSIGN_OR_RETURN(const FloatImage image,
-                               ReadLuminancePart(folder + "/" + view.image_path, view.lens, PartOf(shape.rect)));
+                               ReadLuminancePart(folder + "/" + view.image_path, view.lens, PartOf(shape.rect),
+                                                 OptionsOf(folder, view)));
       luminance.reserve(image.data.size());
       for (const float value : image.data) luminance.push_back(LuminanceCode(value));
     }

@@ -34,6 +34,22 @@ Survey MakeSurvey() {
   return s;
 }
 
+TEST(Survey, KeepsHowPhotographsAreRead) {
+  Survey survey = MakeSurvey();
+  const std::string plain = SurveyToJson(survey);
+  EXPECT_EQ(plain.find("mask"), std::string::npos);
+  EXPECT_EQ(plain.find("white_level"), std::string::npos);
+  survey.views[0].mask_path = "masks/a.png";
+  survey.views[0].masked = true;
+  survey.views[0].white_level = 4095;
+  const StatusOr<Survey> parsed = ParseSurvey(SurveyToJson(survey));
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->views[0].mask_path, "masks/a.png");
+  EXPECT_TRUE(parsed->views[0].masked);
+  EXPECT_EQ(parsed->views[0].white_level, 4095);
+  EXPECT_EQ(WithoutNames(survey).views[0].mask_path, ViewMaskName(0));
+}
+
 TEST(Survey, JsonRoundTripKeepsEveryBit) {
   const std::string json = SurveyToJson(MakeSurvey());
   const StatusOr<Survey> parsed = ParseSurvey(json);

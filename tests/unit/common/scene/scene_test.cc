@@ -228,7 +228,7 @@ const BadInput kBadInputs[] = {
      {"view1.png: found 80 x 60 pixels, expected 160 x 120"}},
     {"DamagedImage",
      [](const std::string& f, const TinyScene&) { fs::resize_file(f + "/images/view1.png", 2000); },
-     {"view1.png: found a damaged image"}},
+     {"view1.png: found a damaged PNG image"}},
     {"ImageOutsideTheFolder",
      [](const std::string& f, const TinyScene&) {
        ReplaceInFile(f + "/colmap/images.txt", "view1.png", "../view1.png");
