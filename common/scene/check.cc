@@ -13,10 +13,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/base/parallel.h"
+#include "common/colmap/colmap.h"
 #include "common/geometry/repair.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
-#include "common/colmap/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
 #include "common/storage/hash.h"
@@ -25,6 +25,7 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kMaxSampledFaces = 200000;
+constexpr int64_t kComparedViews = 64;  // with the mesh's labels; at most about twice as many
 
 std::string CrsText(const Crs& crs) {
   constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
@@ -56,6 +57,7 @@ class SceneChecker {
 
   StatusOr<SceneSummary> Check() {
     Describe();
+    has_up_ = !WarnOfUp(scene_, &warnings_);
     CheckPixels();
     TESSERA_RETURN_IF_ERROR(control_.Check());
     control_.Report(0.7, "mesh");
@@ -73,6 +75,9 @@ class SceneChecker {
     summary_.crs = CrsText(scene_.frame.crs());
     summary_.images = static_cast<int64_t>(scene_.views.size());
     summary_.has_likelihoods = scene_.has_likelihoods;
+    for (const SceneView& view : scene_.views) {
+      if (!view.likelihood_path.empty()) summary_.likelihood_form = view.likelihood_form;
+    }
     std::map<std::pair<int, int>, int64_t> sizes;
     for (const Flight& flight : scene_.flights) summary_.flights.push_back({flight, 0});
     for (const SceneView& view : scene_.views) {
@@ -93,10 +98,13 @@ class SceneChecker {
     BorderCounts borders(classes);
     std::mutex borders_mutex;
     std::atomic<int64_t> done = 0;
+    digests_.resize(views);
+    const int64_t compared = std::max<int64_t>(1, views / kComparedViews);  // each n-th view
     ParallelForEach(views, 1, [&](int64_t i) {
       if (!control_.Check().ok()) return;
       BorderCounts of_view(classes);
-      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view);
+      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view, &digests_[i]);
+      if (i % compared != 0) digests_[i].classes = LabelImage();
       {
         std::lock_guard lock(borders_mutex);
         borders.Add(of_view);
@@ -110,6 +118,7 @@ class SceneChecker {
       summary_.contents.push_back(content.ok() ? *content : PixelContent());
     }
     summary_.borders = borders.Trusts();
+    if (WarnOfLikelihoodValues(scene_, digests_, &warnings_)) summary_.has_likelihoods = false;
   }
 
   Status CheckMeshAndVisibility() {
@@ -147,6 +156,9 @@ class SceneChecker {
     TESSERA_ASSIGN_OR_RETURN(const Coverage coverage,
                              MeasureCoverage(scene_, repaired->mesh, kMaxSampledFaces, control_));
     TESSERA_RETURN_IF_ERROR(CheckFit(repaired->mesh));
+    if (faults_.empty() && scene_.classes.size() > 1) {
+      WarnOfLabels(scene_, repaired->mesh, digests_, has_up_, &warnings_);
+    }
     for (size_t i = 0; i < coverage.views.size(); ++i) {
       faults_.Add(ViewVisibilityError(path, scene_.views[i], coverage.views[i]));
     }
@@ -307,12 +319,14 @@ class SceneChecker {
   Faults& faults_;
   const TaskControl& control_;
   SceneSummary summary_;
+  std::vector<LikelihoodDigest> digests_;  // of each view
+  bool has_up_ = false;                    // the up direction is not doubtful
 };
 
 }  // namespace
 
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders) {
+                                        BorderCounts* borders, LikelihoodDigest* digest) {
   PixelContent content;
   Faults faults;
   const auto take = [&faults](StatusOr<FloatImage> image, std::string* hash) -> FloatImage {
@@ -327,8 +341,12 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
   }
   if (!view.likelihood_path.empty()) {
     if (borders == nullptr) luminance = FloatImage();  // release the image before the likelihoods are read
+    const ImagePart all = {0, 0, view.lens.pinhole.width, view.lens.pinhole.height};
+    StatusOr<LikelihoodPart> whole = ReadLikelihoodPart(absl::StrCat(folder, "/", view.likelihood_path), classes,
+                                                        view.lens, all, view.likelihood_form);
+    if (whole.ok() && digest != nullptr) *digest = DigestOf(*whole);
     const FloatImage likelihoods =
-        take(ReadLikelihoods(absl::StrCat(folder, "/", view.likelihood_path), classes, view.lens), &content.likelihood);
+        take(whole.ok() ? StatusOr<FloatImage>(std::move(whole->pixels)) : whole.status(), &content.likelihood);
     if (borders != nullptr) borders->Add(luminance, likelihoods);
   }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
@@ -357,9 +375,10 @@ StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warni
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
                                         Warnings* warnings, const TaskControl& control) {
   Faults faults;
-  const SceneDescription scene = LoadSceneCollecting(path, load, warnings, &faults);
+  SceneDescription scene = LoadSceneCollecting(path, load, warnings, &faults);
   if (scene.files.empty()) return faults.ToStatus();  // no scene.json
   Warnings unused;
+  FindLikelihoodForms(&scene, warnings == nullptr ? &unused : warnings);
   TESSERA_ASSIGN_OR_RETURN(
       SceneSummary summary,
       SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, &faults, control).Check());

@@ -11,6 +11,7 @@
 #include "common/imaging/border_trust.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit.h"
+#include "common/scene/label_findings.h"
 #include "common/scene/scene.h"
 
 namespace tessera {
@@ -21,9 +22,10 @@ struct PixelContent {
 };
 
 // Decodes the view's image and its likelihoods of `classes` classes, below `folder`. INVALID_ARGUMENT lists the errors
-// of both. `borders` (for `classes` classes; may be null) receives the view's border counts.
+// of both. `borders` (for `classes` classes; may be null) receives the view's border counts, `digest` (may be null)
+// that of its likelihoods.
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders = nullptr);
+                                        BorderCounts* borders = nullptr, LikelihoodDigest* digest = nullptr);
 
 struct SceneSummary {
   struct SizeCount {
@@ -52,7 +54,8 @@ struct SceneSummary {
   std::vector<SizeCount> sizes;
   std::vector<FlightCount> flights;
   int64_t images = 0;
-  bool has_likelihoods = false;
+  bool has_likelihoods = false;    // false if they are to be ignored (WarnOfLikelihoodValues)
+  LikelihoodForm likelihood_form;  // of all likelihood files
   double gsd_m = 0;
   int64_t vertices = 0, faces = 0;
   double surface_m2 = 0;

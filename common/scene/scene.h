@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -12,6 +13,7 @@
 #include "common/geodesy/frame.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
+#include "common/imaging/likelihood_form.h"
 #include "common/storage/allowed_files.h"
 
 namespace tessera {
@@ -43,7 +45,8 @@ struct SceneView {
   // Hashes of the decoded, undistorted files (PixelContent): equal for files that differ in their encoding only. Empty:
   // unknown, or no such file.
   std::string image_content = {}, likelihood_content = {};
-  bool withdrawn = false;  // a view of the base job that is no longer used; it keeps its index
+  LikelihoodForm likelihood_form = {};  // of its file: as scene.json states it, completed by FindLikelihoodForms
+  bool withdrawn = false;               // a view of the base job that is no longer used; it keeps its index
 };
 
 // A scene without its pixels and its mesh.
@@ -64,12 +67,21 @@ struct SceneDescription {
   std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
 };
 
+// The class of a scene without labels and likelihoods.
+SceneClass OneClass();
+
 // The names of the scene's classes, in order.
 std::vector<std::string> ClassNames(const SceneDescription& scene);
 
 // The names, without extension, of files that belong to one view each, such as likelihoods: the image's name without
 // its extension, or the whole name if two images differ in their extensions only.
 std::vector<std::string> ViewStems(const SceneDescription& scene);
+
+// Completes the likelihood_form of all views by the content of the likelihood files (FindLikelihoodForm), which must
+// lie in the scene's folder. `known`: forms by likelihood_path of files that are not read. Others then get the same
+// form, if it is a special one and scene.json states none.
+void FindLikelihoodForms(SceneDescription* scene, Warnings* warnings,
+                         const std::map<std::string, LikelihoodForm>& known = {});
 
 // Options for scenes of updates, which continue a base job.
 struct SceneLoadOptions {
