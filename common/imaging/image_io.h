@@ -44,7 +44,8 @@ struct LikelihoodPart {
   FloatImage pixels;
   int x0 = 0, y0 = 0;                     // position of the first pixel in the whole likelihood image
   int whole_width = 0, whole_height = 0;  // size of the whole likelihood image
-  // Sums of the stored values of a pixel: 5 and 95 % of about 4,000 pixels are lower. 0: labels, logits, or all zero.
+  // Sums of the stored values of a pixel, where they differ: 5 and 95 % of about 4,000 pixels are lower. 0: labels,
+  // logits, or equal values everywhere.
   double low_sum = 0, high_sum = 0;
 };
 

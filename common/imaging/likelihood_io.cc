@@ -84,8 +84,12 @@ void MeasureSums(const FloatImage& image, LikelihoodPart* result) {
   std::vector<double> sums;
   for (size_t i = 0; i < image.plane_size(); i += std::max<size_t>(1, image.plane_size() / kSamples)) {
     double sum = 0;
-    for (int c = 0; c < image.channels; ++c) sum += image.plane(c)[i];
-    if (sum > 0) sums.push_back(sum);
+    bool is_flat = true;  // without a surface, for example
+    for (int c = 0; c < image.channels; ++c) {
+      sum += image.plane(c)[i];
+      is_flat &= image.plane(c)[i] == image.data[i];
+    }
+    if (!is_flat) sums.push_back(sum);
   }
   if (sums.empty()) return;
   const auto at = [&](double share) {
