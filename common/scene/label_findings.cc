@@ -82,7 +82,7 @@ void CountFaces(const SceneDescription& scene, const TriangleMesh& mesh, const R
 }
 
 // For each class of the likelihoods the label that most of its faces have. Classes of few faces get the labels that are
-// left. Empty if two classes have the same label.
+// left. Empty if two classes have the same label, or all faces the same class.
 std::vector<size_t> OrderOfLabels(const FaceCounts& counts, int64_t all) {
   const size_t classes = counts.faces.size();
   std::vector<size_t> order(classes, classes);
@@ -99,6 +99,7 @@ std::vector<size_t> OrderOfLabels(const FaceCounts& counts, int64_t all) {
     taken[best] = true;
     order[likely] = best;
   }
+  if (std::count(taken.begin(), taken.end(), true) < 2) return {};
   for (size_t likely = 0; likely < classes; ++likely) {
     if (order[likely] < classes) continue;
     const auto left = taken[likely] ? std::find(taken.begin(), taken.end(), false) : taken.begin() + likely;

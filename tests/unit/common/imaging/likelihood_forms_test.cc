@@ -146,7 +146,7 @@ TEST_F(LikelihoodFormsTest, ArraysOfAnyOrderAndTypeGiveTheSameValues) {
       for (int x = 0; x < 4; ++x) EXPECT_EQ(image->at(x, y, 0), static_cast<float>(ValueAt(0, y, x))) << file;
     }
   }
-  EXPECT_THAT(ErrorOf(Write("a.npy", files[4]), 3), HasSubstr("a.npy: header: found 2 classes, expected 3"));
+  EXPECT_THAT(ErrorOf(Write("a.npy", files[4]), 5), HasSubstr("a.npy: header: found 2 classes, expected 5"));
 }
 
 TEST_F(LikelihoodFormsTest, WholeNumbersOfAnyTypeAreValues) {
@@ -186,8 +186,9 @@ TEST_F(LikelihoodFormsTest, LogitsAreReadIfTheFormSaysSo) {
 }
 
 TEST_F(LikelihoodFormsTest, SumsOfPixelsAreMeasured) {
-  std::vector<uint8_t> values(24, 100);
-  values[0] = 155;
+  std::vector<uint8_t> values(24, 60);
+  std::fill(values.begin() + 12, values.end(), 140);
+  values[0] = 115;
   const auto part = ReadLikelihoodPart(Write("a.npy", NpyText("|u1", "2, 3, 4", false, Stored(values))), 2,
                                        SmallCamera(), {0, 0, 4, 3});
   ASSERT_TRUE(part.ok()) << part.status();
