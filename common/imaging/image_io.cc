@@ -247,6 +247,34 @@ StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
   return PlanesOf(mat);
 }
 
+StatusOr<PngPixels> DecodePng(const std::string& path, const Bytes& bytes) {
+  if (!IsPng(bytes)) return InputError(path, "byte 0", "no PNG signature", "a PNG image");
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_UNCHANGED));
+  const int channels = mat.channels();
+  const bool wide = mat.depth() == CV_16U;
+  if ((mat.depth() != CV_8U && !wide) || (channels != 1 && channels != 3 && channels != 4)) {
+    return InputError(path, "", absl::StrCat(channels, " channels of ", 8 * mat.elemSize1(), " bits"),
+                      "1, 3 or 4 channels of 8 or 16 bits");
+  }
+  PngPixels pixels = {channels > 1, Raster<uint32_t>(mat.cols, mat.rows)};
+  for (int y = 0; y < mat.rows; ++y) {
+    const uint8_t* row8 = mat.ptr<uint8_t>(y);
+    const uint16_t* row16 = mat.ptr<uint16_t>(y);
+    uint32_t* out = &pixels.values.at(0, y);
+    for (int x = 0; x < mat.cols; ++x) {
+      if (channels == 1) {
+        out[x] = wide ? row16[x] : row8[x];
+        continue;
+      }
+      const auto channel = [&](int c) {
+        return static_cast<uint32_t>(wide ? row16[channels * x + c] >> 8 : row8[channels * x + c]);
+      };
+      out[x] = (channels == 4 ? channel(3) : 255) << 24 | channel(2) << 16 | channel(1) << 8 | channel(0);
+    }
+  }
+  return pixels;
+}
+
 StatusOr<ByteImage> ReadPng(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
   if (!IsPng(bytes)) return InputError(path, "byte 0", "no PNG signature", "a PNG image");

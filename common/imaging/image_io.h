@@ -6,6 +6,7 @@
 
 #include "common/base/status.h"
 #include "common/imaging/camera.h"
+#include "common/imaging/likelihood_form.h"
 #include "common/imaging/raster.h"
 
 namespace tessera {
@@ -45,33 +46,45 @@ StatusOr<ByteImage> ReadMask(const std::string& path, const ImageSize& photograp
 // of 8 bits. Decodes 16-bit images.
 StatusOr<int> HighestSample(const std::string& path);
 
-// Likelihoods of `classes` classes, from one of three formats, detected from the content: multi-page TIFF (8/16 bit or
-// float), NPY (classes x height x width; uint8, float16, float32), or a label PNG (class ids, 255 unknown; the class of
-// a pixel gets `label_confidence`, the others share the rest). The result sums to one per pixel (uniform where all
-// values are zero). It is undistorted by `lens`, resized to the file's resolution; uniform outside the photograph.
-// INVALID_ARGUMENT with the page or offset for a wrong page count, NaN, negative values, or an aspect ratio that
-// differs from the image's.
+// Likelihoods of `classes` classes, from one of these formats, detected from the content: multi-page TIFF (8/16 bit or
+// float), NPY (three axes, npy.h), or labels (label_file.h): the class of a pixel gets 0.8, the others share the rest;
+// uniform where it is unknown. `form`: of the scene's files. The result sums to one per pixel (uniform where all values
+// are zero). It is undistorted by `lens`, resized to the file's resolution; uniform outside the photograph.
+// INVALID_ARGUMENT with the page or offset for a wrong page count, NaN, negative values that are no logits, or an
+// aspect ratio that differs from the image's.
 StatusOr<FloatImage> ReadLikelihoods(const std::string& path, int classes, const LensModel& lens,
-                                     double label_confidence = 0.8);
+                                     const LikelihoodForm& form = LikelihoodForm());
 
 // Likelihoods of a part of the photograph, in the resolution of the likelihood file.
 struct LikelihoodPart {
   FloatImage pixels;
   int x0 = 0, y0 = 0;                     // position of the first pixel in the whole likelihood image
   int whole_width = 0, whole_height = 0;  // size of the whole likelihood image
+  // Sums of the stored values of a pixel, where they differ: 5 and 95 % of about 4,000 pixels are lower. 0: labels,
+  // logits, or equal values everywhere.
+  double low_sum = 0, high_sum = 0;
 };
 
 // The same for `part` of the undistorted photograph; bit-identical to that part of the whole. If the file's resolution
 // is lower, the result has two more pixels on each side, so that interpolation inside the part is also identical. Of a
 // TIFF only the needed strips or tiles are decoded. Values outside the part are not checked.
 StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes, const LensModel& lens,
-                                            const ImagePart& part, double label_confidence = 0.8);
+                                            const ImagePart& part, const LikelihoodForm& form = LikelihoodForm());
 
 // Class ids of an 8-bit one-channel PNG, as stored (255: unknown).
 StatusOr<LabelImage> ReadLabelImage(const std::string& path);
 
 // Planes of an 8-bit PNG as stored: grey, RGB or RGBA (1, 3 or 4 channels); palettes become RGB.
 StatusOr<ByteImage> ReadPng(const std::string& path);
+
+// One number per pixel: the grey level as stored, or 0xAARRGGBB of the 8 highest bits of each channel.
+struct PngPixels {
+  bool is_color = false;
+  Raster<uint32_t> values;
+};
+
+// The pixels of the PNG in `bytes`, of 8 or 16 bits; palettes become RGB. `path` is for messages.
+StatusOr<PngPixels> DecodePng(const std::string& path, const std::vector<uint8_t>& bytes);
 
 // Writers replace files atomically (temporary file, then rename).
 Status WritePng(const std::string& path, const ByteImage& image);  // 1 or 3 (RGB) channels

@@ -3,7 +3,9 @@
 #include <Eigen/Core>
 #include <cctype>
 #include <cstring>
-#include <optional>
+#include <limits>
+#include <type_traits>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -88,9 +90,69 @@ class HeaderParser {
   size_t at_ = 0;
 };
 
+// Sets kind, value_bytes and big_endian. False for other types.
+bool ParseDescr(const std::string& descr, NpyArray* array) {
+  const bool has_order = !descr.empty() && std::strchr("<>|=", descr[0]) != nullptr;
+  const std::string type = descr.substr(has_order ? 1 : 0);
+  if (type.size() != 2 || std::strchr("biuf", type[0]) == nullptr || std::strchr("1248", type[1]) == nullptr) {
+    return false;
+  }
+  array->kind = type[0] == 'b' ? 'u' : type[0];
+  array->value_bytes = type[1] - '0';
+  array->big_endian = descr[0] == '>';
+  return type[0] == 'b' ? type[1] == '1' : type[0] != 'f' || type[1] != '1';
+}
+
+// The value at `bytes` as a number of the same size, in the order of this machine (little-endian).
+template <class Stored>
+Stored Load(const uint8_t* bytes, bool big_endian) {
+  Stored value;
+  if (!big_endian) {
+    std::memcpy(&value, bytes, sizeof value);
+    return value;
+  }
+  uint8_t turned[sizeof value];
+  for (size_t i = 0; i < sizeof value; ++i) turned[i] = bytes[sizeof value - 1 - i];
+  std::memcpy(&value, turned, sizeof value);
+  return value;
+}
+
+// Calls take(value) for the values of `part`, plane by plane, row by row.
+template <class Stored, class Take>
+void ForEachValue(const NpyArray& array, const ImagePart& part, int channels, const Take& take) {
+  for (int c = 0; c < channels; ++c) {
+    for (int y = part.y0; y < part.y1; ++y) {
+      const int64_t row = c * array.plane_stride + y * array.row_stride;
+      for (int x = part.x0; x < part.x1; ++x) {
+        const uint8_t* value = array.values + (row + x * array.column_stride) * array.value_bytes;
+        take(Load<Stored>(value, array.big_endian));
+      }
+    }
+  }
+}
+
+struct Half {
+  uint16_t bits;
+};
+
+// Calls take(value) with the file's type of number; with Half for float16.
+template <class Take>
+void ForEachValue(const NpyArray& array, const ImagePart& part, int channels, const Take& take) {
+  const auto of_size = [&]<class One, class Two, class Four, class Eight>(One, Two, Four, Eight) {
+    if (array.value_bytes == 1) return ForEachValue<One>(array, part, channels, take);
+    if (array.value_bytes == 2) return ForEachValue<Two>(array, part, channels, take);
+    if (array.value_bytes == 4) return ForEachValue<Four>(array, part, channels, take);
+    ForEachValue<Eight>(array, part, channels, take);
+  };
+  if (array.kind == 'u') return of_size(uint8_t(), uint16_t(), uint32_t(), uint64_t());
+  if (array.kind == 'i') return of_size(int8_t(), int16_t(), int32_t(), int64_t());
+  of_size(uint8_t(), Half(), float(), double());
+}
+
 }  // namespace
 
-StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::string& name) {
+StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::string& name,
+                                std::optional<size_t> file_bytes) {
   if (bytes.size() < 10 || std::memcmp(bytes.data(), "\x93NUMPY", 6) != 0) {
     return InputError(name, "byte 0", "no NPY signature", "an NPY file");
   }
@@ -112,55 +174,80 @@ StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::st
     return InputError(name, absl::StrCat("byte ", start + parser.position()), "a malformed header",
                       "a Python dictionary: {'descr': ..., 'fortran_order': ..., 'shape': (...)}");
   }
-  if (*header.fortran_order) return InputError(name, "header", "fortran_order True", "False (C order)");
-  const int value_bytes = *header.descr == "|u1" || *header.descr == "u1" ? 1
-                          : *header.descr == "<f2"                        ? 2
-                          : *header.descr == "<f4"                        ? 4
-                                                                          : 0;
-  if (value_bytes == 0) {
+  NpyArray array;
+  if (!ParseDescr(*header.descr, &array)) {
     return InputError(name, "header", absl::StrCat("descr '", *header.descr, "'"),
-                      "'|u1', '<f2' or '<f4' (uint8, float16, float32)");
+                      "whole numbers or floats, such as '|u1', '<i8' or '<f4' (uint8, int64, float32)");
   }
-  const std::vector<int64_t>& shape = *header.shape;
+  std::vector<int64_t> shape = *header.shape;
   const std::string shape_text = absl::StrCat("shape (", absl::StrJoin(shape, ", "), ")");
-  if (shape.size() != 3) return InputError(name, "header", shape_text, "shape (classes, height, width)");
-  const uint8_t* values = bytes.data() + start + length;
-  const size_t available = bytes.size() - start - length;
+  if (shape.size() == 4 && shape[0] == 1) shape.erase(shape.begin());
+  array.axes = static_cast<int>(shape.size());
+  if (array.axes != 2 && array.axes != 3) {
+    return InputError(name, "header", shape_text,
+                      "shape (classes, height, width) or (height, width, classes); (height, width) of class ids");
+  }
+  array.values = bytes.data() + start + length;
+  const size_t available = file_bytes.value_or(bytes.size()) - start - length;
   // Divide instead of multiplying, because the product of corrupt sizes may overflow.
-  size_t left = available / value_bytes;
-  bool fits = available % value_bytes == 0;
+  size_t left = available / array.value_bytes;
+  bool fits = available % array.value_bytes == 0;
   for (const int64_t size : shape) {
-    fits = fits && size > 0 && left % size == 0;
+    fits = fits && size > 0 && size <= std::numeric_limits<int>::max() && left % size == 0;
     if (fits) left /= size;
   }
   if (!fits || left != 1) {
     return InputError(name, absl::StrCat("byte ", start + length), absl::StrCat(available, " bytes of values"),
-                      absl::StrCat("the size of ", shape_text, " with ", value_bytes, "-byte values"));
+                      absl::StrCat("the size of ", shape_text, " with ", array.value_bytes, "-byte values"));
   }
-  return NpyArray{static_cast<int>(shape[0]), static_cast<int>(shape[1]), static_cast<int>(shape[2]), value_bytes,
-                  values};
+  if (array.axes == 2) shape.insert(shape.begin(), 1);
+  array.channels = static_cast<int>(shape[0]);
+  array.height = static_cast<int>(shape[1]);
+  array.width = static_cast<int>(shape[2]);
+  array.plane_stride = *header.fortran_order ? 1 : shape[1] * shape[2];
+  array.row_stride = *header.fortran_order ? shape[0] : shape[2];
+  array.column_stride = *header.fortran_order ? shape[0] * shape[1] : 1;
+  return array;
+}
+
+NpyArray ChannelsLast(const NpyArray& array) {
+  NpyArray out = array;
+  out.height = array.channels;
+  out.width = array.height;
+  out.channels = array.width;
+  out.row_stride = array.plane_stride;
+  out.column_stride = array.row_stride;
+  out.plane_stride = array.column_stride;
+  return out;
+}
+
+bool IsIdArray(const NpyArray& array, int classes) {
+  return array.kind != 'f' && (array.axes == 2 || (classes > 1 && (array.channels == 1 || array.width == 1)));
 }
 
 FloatImage NpyPart(const NpyArray& array, const ImagePart& part) {
   FloatImage image(part.width(), part.height(), array.channels);
   float* out = image.data.data();
-  for (int c = 0; c < array.channels; ++c) {
-    for (int y = part.y0; y < part.y1; ++y) {
-      const size_t row = (static_cast<size_t>(c) * array.height + y) * array.width;
-      for (int x = part.x0; x < part.x1; ++x) {
-        const uint8_t* value = array.values + (row + x) * array.value_bytes;
-        if (array.value_bytes == 1) {
-          *out++ = *value;
-        } else if (array.value_bytes == 2) {
-          *out++ = Eigen::half_impl::half_to_float(
-              Eigen::half_impl::raw_uint16_to_half(static_cast<uint16_t>(value[0] + 256 * value[1])));
-        } else {
-          std::memcpy(out++, value, 4);
-        }
-      }
+  ForEachValue(array, part, array.channels, [&](auto value) {
+    if constexpr (std::is_same_v<decltype(value), Half>) {
+      *out++ = Eigen::half_impl::half_to_float(Eigen::half_impl::raw_uint16_to_half(value.bits));
+    } else {
+      *out++ = static_cast<float>(value);
     }
-  }
+  });
   return image;
+}
+
+Raster<uint32_t> NpyIds(const NpyArray& array) {
+  constexpr uint32_t kMost = std::numeric_limits<int32_t>::max();
+  Raster<uint32_t> ids(array.width, array.height);
+  uint32_t* out = ids.data.data();
+  ForEachValue(array, {0, 0, array.width, array.height}, 1, [&](auto value) {
+    if constexpr (std::is_integral_v<decltype(value)>) {
+      *out++ = std::cmp_less(value, 0) ? ~0u : std::cmp_greater(value, kMost) ? kMost : static_cast<uint32_t>(value);
+    }
+  });
+  return ids;
 }
 
 }  // namespace tessera

@@ -115,6 +115,17 @@ StatusOr<Value> ParsePart(const std::string& text, const std::string& what) {
 static void to_json(json& j, const PinholeCamera& c) { j = {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
 static void from_json(const json& j, PinholeCamera& c) { c = {j.at(0), j.at(1), j.at(2), j.at(3), j.at(4), j.at(5)}; }
 
+static void to_json(json& j, const LikelihoodForm& form) {
+  j = {{"layout", static_cast<int>(form.layout)}, {"values", static_cast<int>(form.values)}, {"colors", form.colors}};
+  if (form.first_id) j["first_id"] = *form.first_id;
+}
+static void from_json(const json& j, LikelihoodForm& form) {
+  form.layout = static_cast<LikelihoodForm::Layout>(j.at("layout").get<int>());
+  form.values = static_cast<LikelihoodForm::Values>(j.at("values").get<int>());
+  j.at("colors").get_to(form.colors);
+  if (const auto first = j.find("first_id"); first != j.end()) form.first_id = first->get<int>();
+}
+
 static void to_json(json& j, const SceneView& view) {
   j = {{"name", view.name},
        {"image", view.image_path},
@@ -133,6 +144,7 @@ static void to_json(json& j, const SceneView& view) {
   if (!view.mask_path.empty()) j["mask"] = view.mask_path;
   if (view.masked) j["masked"] = true;
   if (view.white_level > 0) j["white_level"] = view.white_level;
+  if (view.likelihood_form != LikelihoodForm()) j["likelihood_form"] = view.likelihood_form;
 }
 static void from_json(const json& j, SceneView& view) {
   view.name = j.at("name");
@@ -141,6 +153,7 @@ static void from_json(const json& j, SceneView& view) {
   view.flight = j.at("flight");
   view.image_content = j.at("image_content");
   view.likelihood_content = j.at("likelihood_content");
+  if (const auto form = j.find("likelihood_form"); form != j.end()) form->get_to(view.likelihood_form);
   view.withdrawn = j.at("withdrawn");
   view.mask_path = j.value("mask", std::string());
   view.masked = j.value("masked", false);

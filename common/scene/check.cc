@@ -25,6 +25,7 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kMaxSampledFaces = 200000;
+constexpr int64_t kComparedViews = 64;  // with the mesh's labels; at most about twice as many
 
 std::string CrsText(const Crs& crs) {
   constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
@@ -54,8 +55,10 @@ class SceneChecker {
         control_(control) {}
 
   StatusOr<SceneSummary> Check() {
+    has_up_ = !WarnOfUp(scene_, &warnings_);
     CheckPixels();
     Describe();
+    if (WarnOfLikelihoodValues(scene_, digests_, &warnings_)) summary_.has_likelihoods = false;
     if (summary_.images == 2) {
       warnings_.push_back("2 images: the mesh is refined only where both show it; 3 or more are better");
     }
@@ -79,6 +82,9 @@ class SceneChecker {
     summary_.images = static_cast<int64_t>(scene_.views.size());
     summary_.skipped = scene_.skipped;
     summary_.has_likelihoods = scene_.has_likelihoods;
+    for (const SceneView& view : scene_.views) {
+      if (!view.likelihood_path.empty()) summary_.likelihood_form = view.likelihood_form;
+    }
     std::map<std::pair<int, int>, int64_t> sizes;
     for (const Flight& flight : scene_.flights) summary_.flights.push_back({flight, 0});
     for (const SceneView& view : scene_.views) {
@@ -100,10 +106,13 @@ class SceneChecker {
     BorderCounts borders(classes);
     std::mutex borders_mutex;
     std::atomic<int64_t> done = 0;
+    digests_.resize(views);
+    const int64_t compared = std::max<int64_t>(1, views / kComparedViews);  // each n-th view
     ParallelForEach(views, 1, [&](int64_t i) {
       if (!control_.Check().ok()) return;
       BorderCounts of_view(classes);
-      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view, &broken[i]);
+      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view, &digests_[i], &broken[i]);
+      if (i % compared != 0) digests_[i].classes = LabelImage();
       {
         std::lock_guard lock(borders_mutex);
         borders.Add(of_view);
@@ -114,6 +123,7 @@ class SceneChecker {
     });
     if (const Status skipped = SkipImages(broken, load_.skip_images, &warnings_, &scene_); skipped.ok()) {
       KeepUsable(broken, &contents);
+      KeepUsable(broken, &digests_);
       broken.assign(contents.size(), absl::OkStatus());
     } else if (load_.skip_images > 0) {
       faults_.Add(skipped);
@@ -163,6 +173,9 @@ class SceneChecker {
     TESSERA_ASSIGN_OR_RETURN(const Coverage coverage,
                              MeasureCoverage(scene_, repaired->mesh, kMaxSampledFaces, control_));
     TESSERA_ASSIGN_OR_RETURN(const bool has_reading, CheckFit(repaired->mesh));
+    if (faults_.empty() && scene_.classes.size() > 1) {
+      WarnOfLabels(scene_, repaired->mesh, digests_, has_up_, &warnings_);
+    }
     if (!has_reading) AddVisibilityFaults(scene_, coverage, &faults_);  // else they follow from the reading
     summary_.faces_tried = coverage.faces_tried;
     summary_.unseen_share = static_cast<double>(coverage.unseen) / static_cast<double>(coverage.faces_tried);
@@ -252,6 +265,8 @@ class SceneChecker {
   const TaskControl& control_;
   SceneSummary summary_;
   TriangleMesh mesh_;  // repaired; empty if it cannot be read or is streamed
+  std::vector<LikelihoodDigest> digests_;  // of each view
+  bool has_up_ = false;                    // the up direction is not doubtful
 };
 
 }  // namespace
@@ -266,6 +281,7 @@ StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOption
   if (checked.scene.files.empty()) return faults.ToStatus();  // no scene.json
   TESSERA_RETURN_IF_ERROR(ChooseWhiteLevels(std::vector<uint8_t>(checked.scene.views.size(), 1), control,
                                             &checked.scene, warnings));
+  FindLikelihoodForms(&checked.scene, warnings);
   TESSERA_ASSIGN_OR_RETURN(checked.summary,
                            SceneChecker(load, max_mesh_faces, warnings, &faults, control, &checked.scene).Check());
   faults.Add(SkipAdvice(checked.scene));

@@ -12,6 +12,7 @@
 #include "common/scene/coverage.h"
 #include "common/scene/fit.h"
 #include "common/scene/fit_findings.h"
+#include "common/scene/label_findings.h"
 #include "common/scene/scene.h"
 #include "common/scene/tie_points.h"
 
@@ -24,10 +25,11 @@ struct PixelContent {
 };
 
 // Decodes the view's image and its likelihoods of `classes` classes, below `folder`. INVALID_ARGUMENT lists the errors
-// of both. `borders` (for `classes` classes; may be null) receives the view's border counts. `broken` (may be null)
-// receives an error of the image instead; then the content is empty.
+// of both. `borders` (for `classes` classes; may be null) receives the view's border counts, `digest` (may be null) that
+// of its likelihoods. `broken` (may be null) receives an error of the image instead; then the content is empty.
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders = nullptr, Status* broken = nullptr);
+                                        BorderCounts* borders = nullptr, LikelihoodDigest* digest = nullptr,
+                                        Status* broken = nullptr);
 
 struct SceneSummary {
   struct SizeCount {
@@ -49,9 +51,10 @@ struct SceneSummary {
   std::optional<double> lat_deg, lon_deg;  // of the mesh's centre; none: not georeferenced
   std::vector<SizeCount> sizes;
   std::vector<FlightCount> flights;
-  int64_t images = 0;                // used
+  int64_t images = 0;  // used
   std::vector<SkippedImage> skipped;
-  bool has_likelihoods = false;
+  bool has_likelihoods = false;    // false if they are to be ignored (WarnOfLikelihoodValues)
+  LikelihoodForm likelihood_form;  // of all likelihood files
   double gsd_m = 0;
   int64_t vertices = 0, faces = 0;
   double surface_m2 = 0;

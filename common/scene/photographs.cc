@@ -246,7 +246,7 @@ void WarnOfContents(const SceneDescription& scene, const std::vector<PixelConten
 }
 
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders, Status* broken) {
+                                        BorderCounts* borders, LikelihoodDigest* digest, Status* broken) {
   PixelContent content;
   Faults faults;
   const auto take = [&faults](StatusOr<FloatImage> image, std::string* hash) -> FloatImage {
@@ -267,8 +267,12 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
   }
   if (!view.likelihood_path.empty()) {
     if (borders == nullptr) luminance = FloatImage();  // release the image before the likelihoods are read
+    const ImagePart all = {0, 0, view.lens.pinhole.width, view.lens.pinhole.height};
+    StatusOr<LikelihoodPart> whole = ReadLikelihoodPart(absl::StrCat(folder, "/", view.likelihood_path), classes,
+                                                        view.lens, all, view.likelihood_form);
+    if (whole.ok() && digest != nullptr) *digest = DigestOf(*whole);
     const FloatImage likelihoods =
-        take(ReadLikelihoods(absl::StrCat(folder, "/", view.likelihood_path), classes, view.lens), &content.likelihood);
+        take(whole.ok() ? StatusOr<FloatImage>(std::move(whole->pixels)) : whole.status(), &content.likelihood);
     if (borders != nullptr) borders->Add(luminance, likelihoods);
   }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());

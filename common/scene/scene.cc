@@ -7,12 +7,13 @@
 #include <map>
 #include <set>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "common/base/parallel.h"
+#include "common/colmap/colmap.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
-#include "common/colmap/colmap.h"
 #include "common/scene/image_files.h"
 #include "common/scene/photographs.h"
 #include "common/scene/scene_json.h"
@@ -310,13 +311,14 @@ class SceneLoader {
     }
     std::sort(names.begin(), names.end());
     names.erase(std::unique(names.begin(), names.end()), names.end());
-    std::map<std::string, std::vector<std::string>> by_stem;
+    std::map<std::string, std::vector<std::string>> by_stem, stems_of_lower;
     for (const std::string& file : names) {
-      const std::string extension = fs::path(file).extension().string();
+      const std::string extension = absl::AsciiStrToLower(fs::path(file).extension().string());
       if (extension == ".tif" || extension == ".tiff" || extension == ".npy" || extension == ".png") {
         by_stem[WithoutExtension(file)].push_back(file);
       }
     }
+    for (const auto& [stem, files] : by_stem) stems_of_lower[absl::AsciiStrToLower(stem)].push_back(stem);
     scene_.has_likelihoods = true;
     if (json_.likelihoods_source == kDefaultLikelihoods) WarnOfDefault();
     const std::vector<std::string> stems = ViewStems(scene_);
@@ -327,6 +329,12 @@ class SceneLoader {
       auto it = by_stem.find(stems[v]);
       for (const std::string& other : {view.name, WithoutExtension(PlainImageName(model_names_[v]))}) {
         if (it == by_stem.end() && stems[v] != view.name) it = by_stem.find(other);
+      }
+      // It may differ from its image in the case of letters.
+      for (const std::string& other : {stems[v], view.name}) {
+        const auto same = stems_of_lower.find(absl::AsciiStrToLower(other));
+        if (it != by_stem.end() || same == stems_of_lower.end() || same->second.size() > 1) continue;
+        it = by_stem.find(same->second.front());
       }
       const std::string stem = WithoutExtension(view.name);
       const std::string path = absl::StrCat(Full(folder), "/", stems[v]);
@@ -345,6 +353,7 @@ class SceneLoader {
                                absl::StrCat("one for image '", view.name, "'")));
       } else {
         view.likelihood_path = absl::StrCat(folder, "/", it->second.front());
+        view.likelihood_form = json_.likelihood_form;
         scene_.files.push_back(view.likelihood_path);
       }
     }
@@ -391,9 +400,7 @@ class SceneLoader {
     if (json_.classes_given && scene_.classes.size() > 1) {
       Warn("scene.json has classes, but the scene has neither labels nor likelihoods: it is refined as one class");
     }
-    SceneClass surface;
-    surface.name = "surface";
-    scene_.classes = {surface};
+    scene_.classes = {OneClass()};
   }
 
   // An image belongs to the first flight with a pattern that matches its name.
@@ -442,10 +449,37 @@ class SceneLoader {
 
 }  // namespace
 
+SceneClass OneClass() {
+  SceneClass surface;
+  surface.name = "surface";
+  return surface;
+}
+
 std::vector<std::string> ClassNames(const SceneDescription& scene) {
   std::vector<std::string> names;
   for (const SceneClass& c : scene.classes) names.push_back(c.name);
   return names;
+}
+
+void FindLikelihoodForms(SceneDescription* scene, Warnings* warnings,
+                         const std::map<std::string, LikelihoodForm>& known) {
+  std::vector<std::string> paths;
+  LikelihoodForm given;
+  for (const SceneView& view : scene->views) {
+    if (view.likelihood_path.empty() || known.contains(view.likelihood_path)) continue;
+    paths.push_back(absl::StrCat(scene->folder, "/", view.likelihood_path));
+    given = view.likelihood_form;
+  }
+  for (const auto& [path, form] : known) {
+    if (given == LikelihoodForm()) given = form;
+  }
+  std::vector<std::array<uint8_t, 3>> colors;
+  for (const SceneClass& c : scene->classes) colors.push_back(c.color_rgb);
+  const LikelihoodForm form = FindLikelihoodForm(paths, colors, given, warnings);
+  for (SceneView& view : scene->views) {
+    const auto found = known.find(view.likelihood_path);
+    if (!view.likelihood_path.empty()) view.likelihood_form = found == known.end() ? form : found->second;
+  }
 }
 
 std::vector<std::string> ViewStems(const SceneDescription& scene) {

@@ -14,6 +14,7 @@
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "common/imaging/image_io.h"
+#include "common/imaging/likelihood_form.h"
 #include "common/storage/allowed_files.h"
 
 namespace tessera {
@@ -45,6 +46,7 @@ struct SceneView {
   // Hashes of the decoded, undistorted files (PixelContent): equal for files that differ in their encoding only. Empty:
   // unknown, or no such file.
   std::string image_content = {}, likelihood_content = {};
+  LikelihoodForm likelihood_form = {};  // of its file: as scene.json states it, completed by FindLikelihoodForms
   bool withdrawn = false;  // a view of the base job that is no longer used; it keeps its index
   std::string mask_path = {};  // empty: no mask
   // It has a mask or an alpha channel: pixels without luminance are no evidence. Ingest resets it if nothing is masked.
@@ -77,12 +79,21 @@ struct SceneDescription {
   int64_t unusable_images = 0;        // images whose files are missing or broken and are not skipped
 };
 
+// The class of a scene without labels and likelihoods.
+SceneClass OneClass();
+
 // The names of the scene's classes, in order.
 std::vector<std::string> ClassNames(const SceneDescription& scene);
 
 // The names, without extension, of files that belong to one view each, such as likelihoods: the image's name without
 // its extension, or the whole name if two images differ in their extensions only.
 std::vector<std::string> ViewStems(const SceneDescription& scene);
+
+// Completes the likelihood_form of all views by the content of the likelihood files (FindLikelihoodForm), which must
+// lie in the scene's folder. `known`: forms by likelihood_path of files that are not read. Others then get the same
+// form, if it is a special one and scene.json states none.
+void FindLikelihoodForms(SceneDescription* scene, Warnings* warnings,
+                         const std::map<std::string, LikelihoodForm>& known = {});
 
 // The first three are for scenes of updates, which continue a base job.
 struct SceneLoadOptions {

@@ -160,6 +160,34 @@ void ParseLabelProperty(const Json& value, const std::string& file, SceneFile* s
   }
 }
 
+// The value of `key`, one of two words. None, with a fault unless it is absent, if it is neither.
+std::optional<bool> IsSecondWord(ObjectReader* in, const std::string& key, const std::string& first,
+                                 const std::string& second) {
+  std::string word;
+  if (!in->String(key, &word)) return {};
+  if (word != first && word != second) {
+    in->Fault(key, word, absl::StrCat("\"", first, "\" or \"", second, "\""));
+    return {};
+  }
+  return word == second;
+}
+
+void ParseLikelihoodForm(ObjectReader* in, LikelihoodForm* form) {
+  if (const auto last = IsSecondWord(in, "likelihood_layout", "chw", "hwc")) {
+    form->layout = *last ? LikelihoodForm::Layout::kClassesLast : LikelihoodForm::Layout::kClassesFirst;
+  }
+  if (const auto logits = IsSecondWord(in, "likelihood_values", "probabilities", "logits")) {
+    form->values = *logits ? LikelihoodForm::Values::kLogits : LikelihoodForm::Values::kProbabilities;
+  }
+  const Json* first_id = in->Find("likelihood_first_id");
+  if (first_id == nullptr) return;
+  if (*first_id == 0 || *first_id == 1) {
+    form->first_id = *first_id == 1 ? 1 : 0;
+  } else {
+    in->Fault("likelihood_first_id", *first_id, "0 or 1");
+  }
+}
+
 void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faults) {
   if (!value.is_object()) {
     faults->Add(InputError(file, "crs", Excerpt(value), "an object with a type"));
@@ -320,6 +348,7 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
   in.Path("likelihoods", &scene.likelihoods);
   in.Path("masks", &scene.masks);
   in.String("likelihoods_source", &scene.likelihoods_source);
+  ParseLikelihoodForm(&in, &scene.likelihood_form);
   in.Path("mesh", &scene.mesh);
   if (const Json* value = in.Find("label_property")) ParseLabelProperty(*value, file, &scene, faults);
   if (const Json* value = in.Find("classes")) ParseClasses(*value, file, &scene, faults);

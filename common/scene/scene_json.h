@@ -28,6 +28,7 @@ struct SceneFile {
   ScenePath cameras{"colmap"}, images{"images"}, likelihoods{"likelihoods"}, masks{"masks"}, mesh{"mesh.ply"};
   std::optional<std::string> label_property;  // of the mesh; empty: its labels are ignored; none: found by its name
   std::string likelihoods_source;             // written by tessera classify: "annotations", "model" or "default"
+  LikelihoodForm likelihood_form;             // without colours
   std::vector<SceneClass> classes;            // default: KnownClasses()
   bool classes_given = false;
   Crs crs;

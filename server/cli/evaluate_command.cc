@@ -91,6 +91,22 @@ StatusOr<std::string> LikelihoodPath(const std::string& folder, const std::strin
   return InputError(path, "", "no .tif, .tiff, .npy or .png", "the likelihoods of image '" + view.name + "'");
 }
 
+// The form of the likelihoods in the folder.
+LikelihoodForm FormOf(const std::string& folder, const std::vector<std::string>& stems, const SceneDescription& scene) {
+  SceneDescription in_folder = scene;
+  in_folder.folder = folder;
+  for (size_t v = 0; v < scene.views.size(); ++v) {
+    const StatusOr<std::string> path = LikelihoodPath(folder, stems[v], scene.views[v]);
+    in_folder.views[v].likelihood_path = path.ok() ? fs::relative(*path, folder).string() : "";
+  }
+  Warnings warnings;
+  FindLikelihoodForms(&in_folder, &warnings);
+  PrintWarnings(warnings);
+  const auto read = std::find_if(in_folder.views.begin(), in_folder.views.end(),
+                                 [](const SceneView& view) { return !view.likelihood_path.empty(); });
+  return read == in_folder.views.end() ? LikelihoodForm() : read->likelihood_form;
+}
+
 // Renders a mesh's labels in the views, only at pixels where the start mesh has a surface too.
 class MeshInViews {
  public:
@@ -128,10 +144,11 @@ Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescri
                            const TruthLabelSource& truth_labels) {
   const int classes = static_cast<int>(scene.classes.size());
   const std::vector<std::string> stems = ViewStems(scene);
+  const LikelihoodForm form = FormOf(arguments.likelihoods, stems, scene);
   const LikelihoodSource likelihoods = [&](size_t view) -> StatusOr<FloatImage> {
     TESSERA_ASSIGN_OR_RETURN(const std::string path,
                              LikelihoodPath(arguments.likelihoods, stems[view], scene.views[view]));
-    return ReadLikelihoods(path, classes, scene.views[view].lens);
+    return ReadLikelihoods(path, classes, scene.views[view].lens, form);
   };
   std::optional<MeshInViews> mesh_in_views;
   LabelRendering rendering;

@@ -18,11 +18,10 @@ inline LensModel SmallLens() {
   return lens;
 }
 
-// True if they were taken.
-inline bool RunLikelihoodsTarget(const std::string& bytes) {
-  const MemoryFile file(bytes);
-  const StatusOr<FloatImage> all = ReadLikelihoods(file.path(), 3, SmallLens());
-  const StatusOr<LikelihoodPart> part = ReadLikelihoodPart(file.path(), 3, SmallLens(), {5, 4, 9, 8});
+// True if they were taken in this form.
+inline bool TakesLikelihoods(const std::string& path, const LikelihoodForm& form) {
+  const StatusOr<FloatImage> all = ReadLikelihoods(path, 3, SmallLens(), form);
+  const StatusOr<LikelihoodPart> part = ReadLikelihoodPart(path, 3, SmallLens(), {5, 4, 9, 8}, form);
   if (!all.ok()) {
     RequireRefusal(all.status());
     return false;
@@ -37,6 +36,21 @@ inline bool RunLikelihoodsTarget(const std::string& bytes) {
     Require(std::abs(sum - 1) < 1e-3, "likelihoods sum to one");
   }
   return true;
+}
+
+// True if they were taken.
+inline bool RunLikelihoodsTarget(const std::string& bytes) {
+  const MemoryFile file(bytes);
+  LikelihoodForm other = {LikelihoodForm::Layout::kClassesLast,
+                          LikelihoodForm::Values::kLogits,
+                          1,
+                          {{128, 128, 128}, {128, 0, 128}, {230, 190, 30}}};
+  TakesLikelihoods(file.path(), other);
+  other.layout = LikelihoodForm::Layout::kClassesFirst;
+  TakesLikelihoods(file.path(), other);
+  Warnings warnings;
+  TakesLikelihoods(file.path(), FindLikelihoodForm({file.path()}, other.colors, {}, &warnings));
+  return TakesLikelihoods(file.path(), LikelihoodForm());
 }
 
 }  // namespace tessera

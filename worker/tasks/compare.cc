@@ -62,9 +62,9 @@ StatusOr<ChangeView> LoadView(const TaskRequest& request, const SceneView& view,
                            ReadLuminancePart(request.input_dir + "/" + view.image_path, view.lens, part,
                                              OptionsOf(request.input_dir, view)));
   if (view.likelihood_path.empty()) return loaded;
-  TESSERA_ASSIGN_OR_RETURN(
-      LikelihoodPart likelihoods,
-      ReadLikelihoodPart(request.input_dir + "/" + view.likelihood_path, classes, view.lens, part));
+  TESSERA_ASSIGN_OR_RETURN(LikelihoodPart likelihoods,
+                           ReadLikelihoodPart(request.input_dir + "/" + view.likelihood_path, classes, view.lens, part,
+                                              view.likelihood_form));
   const PinholeCamera& whole = view.camera.intrinsics;
   loaded.likelihood_at.scale_x = static_cast<double>(likelihoods.whole_width) / whole.width;
   loaded.likelihood_at.scale_y = static_cast<double>(likelihoods.whole_height) / whole.height;

@@ -127,6 +127,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
     view.likelihood_content = summary.contents[v].likelihood;
     view.masked = summary.contents[v].masked_share > 0;
   }
+  if (!summary.has_likelihoods && scene.has_likelihoods) IgnoreLikelihoods(&scene);
   const std::vector<PosedCamera> cameras = CamerasOf(scene);
   control.Report(0.3, "reading the mesh");
   Warnings of_large_mesh;  // a smaller one was checked with the scene
@@ -175,7 +176,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   FillPairs(mesh.spans(), cameras, parameters, &survey);
   survey.classes = scene.classes;
   survey.has_likelihoods = scene.has_likelihoods;
-  survey.borders = summary.borders;
+  survey.borders = scene.has_likelihoods ? summary.borders : BorderTrusts(static_cast<int>(scene.classes.size()));
   survey.crs = scene.frame.crs();
   survey.origin_in_scene = scene.frame.origin_in_scene();
   survey.rotation_local_from_scene = scene.frame.rotation_local_from_scene();

@@ -86,6 +86,16 @@ Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneD
   return control.Check();
 }
 
+// Sets the forms of the likelihood files: of known ones as in the base job.
+void FindForms(const Survey& base, const UpdateFiles& files, SceneDescription* scene, Warnings* warnings) {
+  std::map<std::string, LikelihoodForm> known;
+  for (const SceneView& view : base.views) {
+    const auto carried = files.carried.find(view.likelihood_path);
+    if (carried != files.carried.end()) known[carried->second] = view.likelihood_form;
+  }
+  FindLikelihoodForms(scene, warnings, known);
+}
+
 // The mesh of the base job.
 struct BaseMesh {
   std::string path;  // relative to the scene's folder
@@ -184,6 +194,7 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   }
   for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
   TESSERA_RETURN_IF_ERROR(FillPhotographs(known_images, control, &scene, &outcome.warnings));
+  FindForms(survey, files, &scene, &outcome.warnings);
   TESSERA_RETURN_IF_ERROR(FillContents(files, PartOf(control, 0, 0.4), &scene));
   if (!survey.classifier.empty()) {
     std::set<std::string> classified;

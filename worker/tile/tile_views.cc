@@ -44,7 +44,7 @@ ImagePart PartOf(const PixelRect& rect) { return {rect.x0, rect.y0, rect.x1, rec
 StatusOr<std::vector<uint8_t>> CropLikelihoods(const std::string& path, const SceneView& view, int classes,
                                                TexelShape* shape) {
   TESSERA_ASSIGN_OR_RETURN(const LikelihoodPart part,
-                           ReadLikelihoodPart(path, classes, view.lens, PartOf(shape->rect)));
+                           ReadLikelihoodPart(path, classes, view.lens, PartOf(shape->rect), view.likelihood_form));
   const PinholeCamera& whole = view.camera.intrinsics;
   PixelMapping mapping;
   mapping.scale_x = static_cast<double>(part.whole_width) / whole.width;

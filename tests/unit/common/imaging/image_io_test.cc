@@ -254,7 +254,7 @@ TEST(LikelihoodTest, LabelPng) {
   ByteImage labels(4, 3, 1, 255);
   labels.at(2, 1) = 1;
   ASSERT_TRUE(WritePng(path, labels).ok());
-  const StatusOr<FloatImage> image = ReadLikelihoods(path, 3, PinholeOf(4, 3), 0.8);
+  const StatusOr<FloatImage> image = ReadLikelihoods(path, 3, PinholeOf(4, 3));
   ASSERT_TRUE(image.ok()) << image.status();
   EXPECT_FLOAT_EQ(image->at(2, 1, 1), 0.8f);
   EXPECT_FLOAT_EQ(image->at(2, 1, 0), 0.1f);
@@ -300,10 +300,12 @@ TEST(NpyTest, ReadsHalfAndByte) {
 
 TEST(NpyTest, RejectsMalformedFiles) {
   const char* headers[] = {
-      "{'descr': '<f4', 'fortran_order': True, 'shape': (1, 1, 1)}",
-      "{'descr': '>f4', 'fortran_order': False, 'shape': (1, 1, 1)}",
+      "{'descr': '<c8', 'fortran_order': False, 'shape': (1, 1, 1)}",
+      "{'descr': '<f1', 'fortran_order': False, 'shape': (1, 1, 1)}",
+      "{'descr': '', 'fortran_order': False, 'shape': (1, 1, 1)}",
       "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 1, 1)}",
-      "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1)}",
+      "{'descr': '<f4', 'fortran_order': False, 'shape': (1,)}",
+      "{'descr': '<u1', 'fortran_order': False, 'shape': (2, 1, 1, 2)}",
       "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 2)}",
       "{'descr': '<f4', 'fortran_order': False, 'shape': (0, 1, 1)}",
       "{'descr': '<f4', 'fortran_order': False, 'shape': (999999999999, 999999999999, 999999999999)}",

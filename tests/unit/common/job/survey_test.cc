@@ -89,6 +89,19 @@ TEST(Survey, LabelPropertyIsKeptIfItIsSet) {
   }
 }
 
+TEST(Survey, FormsOfLikelihoodsAreKeptIfTheyAreSpecial) {
+  EXPECT_EQ(SurveyToJson(MakeSurvey()).find("likelihood_form"), std::string::npos);
+  Survey survey = MakeSurvey();
+  LikelihoodForm form = {LikelihoodForm::Layout::kClassesLast, LikelihoodForm::Values::kLogits, 1, {{1, 2, 3}}};
+  survey.views[0].likelihood_form = form;
+  const StatusOr<Survey> parsed = ParseSurvey(SurveyToJson(WithoutNames(survey)));
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->views[0].likelihood_form, form);
+  form.first_id.reset();
+  survey.views[0].likelihood_form = form;
+  EXPECT_EQ(ParseSurvey(SurveyToJson(survey))->views[0].likelihood_form, form);
+}
+
 TEST(Survey, SurveysBeforeAnchorWeightsParseAsZero) {
   std::string json = SurveyToJson(MakeSurvey());
   for (size_t at = json.find("\"keep\":"); at != std::string::npos; at = json.find("\"keep\":")) {

@@ -69,6 +69,24 @@ TEST(SceneJsonTest, EveryKeyIsRead) {
   EXPECT_THAT(file.flights[1].patterns, ElementsAre("*"));
 }
 
+TEST(SceneJsonTest, FormOfLikelihoods) {
+  EXPECT_EQ(Parse(R"({"tessera_scene": 1})").likelihood_form, LikelihoodForm());
+  const SceneFile file = Parse(R"({"tessera_scene": 1, "likelihood_layout": "hwc", "likelihood_values": "logits",
+    "likelihood_first_id": 1})");
+  EXPECT_EQ(file.likelihood_form,
+            (LikelihoodForm{LikelihoodForm::Layout::kClassesLast, LikelihoodForm::Values::kLogits, 1, {}}));
+  const SceneFile other = Parse(R"({"tessera_scene": 1, "likelihood_layout": "chw",
+    "likelihood_values": "probabilities", "likelihood_first_id": 0})");
+  EXPECT_EQ(other.likelihood_form,
+            (LikelihoodForm{LikelihoodForm::Layout::kClassesFirst, LikelihoodForm::Values::kProbabilities, 0, {}}));
+  for (const char* const wrong : {"\"likelihood_layout\": \"hw\"", "\"likelihood_values\": 1",
+                                  "\"likelihood_first_id\": 2", "\"likelihood_first_id\": \"1\""}) {
+    Faults faults;
+    ParseSceneFile(std::string("{\"tessera_scene\": 1, ") + wrong + "}", "scene.json", &faults);
+    EXPECT_EQ(faults.messages().size(), 1u) << wrong;
+  }
+}
+
 TEST(SceneJsonTest, LabelProperty) {
   EXPECT_FALSE(Parse(R"({"tessera_scene": 1})").label_property.has_value());
   EXPECT_EQ(Parse(R"({"tessera_scene": 1, "label_property": "class"})").label_property, "class");
