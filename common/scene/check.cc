@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <map>
 #include <mutex>
@@ -19,6 +20,7 @@
 #include "common/colmap/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
+#include "common/scene/repair_options.h"
 #include "common/storage/hash.h"
 
 namespace tessera {
@@ -128,11 +130,14 @@ class SceneChecker {
     }
     const TriangleMesh& mesh = *loaded;
     DescribeMesh(mesh);
-    const StatusOr<RepairedMesh> repaired = RepairMesh(mesh, &warnings_);
+    RepairOptions options = RepairOptionsOf(scene_.views, scene_.frame);
+    options.scratch_folder = std::filesystem::temp_directory_path();
+    const StatusOr<RepairedMesh> repaired = RepairMesh(mesh, options, &warnings_);
     if (!repaired.ok()) {
       faults_.Add(absl::InvalidArgumentError(absl::StrCat(path, ": ", std::string(repaired.status().message()))));
       return absl::OkStatus();
     }
+    DescribeExtent(repaired->mesh);
     if (repaired->mesh.faces.empty()) {
       faults_.Add(InputError(path, "", "only degenerate faces", "at least one face with an area"));
       return absl::OkStatus();
@@ -191,6 +196,12 @@ class SceneChecker {
     for (SceneSummary::ClassShare& entry : summary_.classes) {
       entry.area_share = summary_.surface_m2 > 0 ? entry.area_share / summary_.surface_m2 : 0;
     }
+    if (summary_.unlabelled_faces > 0) {
+      warnings_.push_back(absl::StrCat(scene_.mesh_path, ": ", summary_.unlabelled_faces, " faces have no label"));
+    }
+  }
+
+  void DescribeExtent(const TriangleMesh& mesh) {
     const Eigen::Vector3d east = scene_.up_in_local.unitOrthogonal(), north = scene_.up_in_local.cross(east);
     const Eigen::Vector3d axes[3] = {std::abs(scene_.up_in_local.z()) > 0.999999 ? Eigen::Vector3d::UnitX() : east,
                                      std::abs(scene_.up_in_local.z()) > 0.999999 ? Eigen::Vector3d::UnitY() : north,
@@ -206,9 +217,6 @@ class SceneChecker {
     if (geodetic.ok()) {
       summary_.lat_deg = geodetic->x() * 180 / std::numbers::pi;
       summary_.lon_deg = geodetic->y() * 180 / std::numbers::pi;
-    }
-    if (summary_.unlabelled_faces > 0) {
-      warnings_.push_back(absl::StrCat(scene_.mesh_path, ": ", summary_.unlabelled_faces, " faces have no label"));
     }
   }
 

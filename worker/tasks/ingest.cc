@@ -9,6 +9,7 @@
 #include "common/job/task_parameters.h"
 #include "common/scene/check.h"
 #include "common/scene/coverage.h"
+#include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "worker/city/cell_views.h"
@@ -132,7 +133,10 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
 
   control.Report(0.4, "repairing the mesh");
   MeshDefects defects;
-  TESSERA_ASSIGN_OR_RETURN(mesh, RepairOnDisk(std::move(mesh), scratch, DiskPassOptions(), &defects));
+  RepairOptions repair = RepairOptionsOf(scene.views, scene.frame);
+  repair.file_origin = OnLocalGrid(repair.file_origin);
+  repair.file = absl::StrCat(scene.folder, "/", scene.mesh_path);
+  TESSERA_ASSIGN_OR_RETURN(mesh, RepairOnDisk(std::move(mesh), scratch, DiskPassOptions(), repair, &defects));
   if (mesh.faces.size() == 0)
     return InputError(scene.mesh_path, "", "only degenerate faces", "at least one face with an area");
   if (survey.input_faces > kMaxFacesInMemory) {
