@@ -5,7 +5,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kFar = 3, kSenseless = 50, kSpikeEdge = 2;  // in units of the extent
+constexpr double kFar = 2, kSenseless = 50, kSpikeEdge = 2;  // in units of the extent
 constexpr size_t kExtentSamples = 4096;
 
 Eigen::AlignedBox3d BoxOfCentres(std::span<const Viewpoint> views) {

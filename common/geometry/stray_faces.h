@@ -18,9 +18,9 @@ struct StrayFaces {
 // The extent is the larger of the diagonal of the box of the views' centres and the median distance of the mesh from
 // its middle. A vertex is stray if its distance from the middle of that box is
 // - more than 50 times the extent, or
-// - more than 3 times the extent, and it is `file_origin` (a vertex that was never set), or each edge of it is longer
-//   than twice the extent and leads to a vertex that is nearer than 3 times the extent (a spike).
-// Without views no vertex is stray. Positions are finite. Memory: a byte per vertex if one is farther than 3 times the
+// - more than twice the extent, and it is `file_origin` (a vertex that was never set), or each edge of it is longer
+//   than twice the extent and leads to a vertex that is nearer than that (a spike).
+// Without views no vertex is stray. Positions are finite. Memory: a byte per vertex if one is farther than twice the
 // extent.
 StrayFaces FindStrayFaces(const MeshSpans& mesh, std::span<const Viewpoint> views, const Eigen::Vector3d& file_origin);
 
