@@ -16,7 +16,6 @@ constexpr int64_t kVoteSamples = 200000, kMaxSamplesOfPiece = 256;
 constexpr int kMaxVotesOfFace = 8, kMinVotes = 3;
 constexpr int64_t kSmallPieceFaces = 100;
 constexpr double kSmallPiece_px2 = 25;
-constexpr size_t kMaxFacesForRays = 4 << 20;
 constexpr int64_t kVoteClusters = 1 << 18;
 
 struct Piece {
@@ -39,9 +38,9 @@ struct Sample {
 class Visibility {
  public:
   static StatusOr<Visibility> Create(const MeshSpans& mesh, std::span<const Viewpoint> views,
-                                     const std::string& scratch_folder) {
+                                     const std::string& scratch_folder, size_t max_faces_for_rays) {
     Visibility out(views);
-    if (mesh.faces.size() <= kMaxFacesForRays) {
+    if (mesh.faces.size() <= max_faces_for_rays) {
       out.caster_ = std::make_unique<RayCaster>(mesh);
       return out;
     }
@@ -142,7 +141,8 @@ bool FaceOrientation::IsTurned(uint32_t face) const {
 }
 
 StatusOr<FaceOrientation::Result> FaceOrientation::Decide(const MeshSpans& mesh, std::span<const Viewpoint> views,
-                                                          const std::string& scratch_folder) {
+                                                          const std::string& scratch_folder,
+                                                          size_t max_faces_for_rays) {
   const auto faces = static_cast<uint32_t>(links_.size());
   // The links lead directly to the roots from here on, since a parent has a lower index.
   for (uint32_t f = 0; f < faces; ++f) {
@@ -181,7 +181,8 @@ StatusOr<FaceOrientation::Result> FaceOrientation::Decide(const MeshSpans& mesh,
       if (next[p]++ % pieces[p].stride != 0) continue;
       samples.push_back({.face = f, .piece = static_cast<uint32_t>(p), .is_opposed = (links_[f] & 1) != 0});
     }
-    TESSERA_ASSIGN_OR_RETURN(const Visibility visibility, Visibility::Create(mesh, views, scratch_folder));
+    TESSERA_ASSIGN_OR_RETURN(const Visibility visibility,
+                             Visibility::Create(mesh, views, scratch_folder, max_faces_for_rays));
     ParallelForEach(samples.size(), 64, [&](size_t i) { visibility.Vote(mesh, &samples[i]); });
     for (const Sample& sample : samples) AddVotes(sample, &pieces[sample.piece]);
   }

@@ -30,11 +30,12 @@ class FaceOrientation {
   // Sees: the middle of a sampled face is in the image and not occluded.
   // Returns the number of turned faces and the first, and the number of pieces of at most 100 faces that
   // fewer than two views see or that have an area below 25 px in each (their first faces), without views none.
-  // `scratch_folder`: for meshes of more than 4 million faces, whose occlusion is tested with a coarse mesh.
+  // `scratch_folder`: for meshes of more than `max_faces_for_rays`, whose occlusion is tested with a coarse mesh.
   struct Result {
     DefectCount turned_faces, small_pieces;
   };
-  StatusOr<Result> Decide(const MeshSpans& mesh, std::span<const Viewpoint> views, const std::string& scratch_folder);
+  StatusOr<Result> Decide(const MeshSpans& mesh, std::span<const Viewpoint> views, const std::string& scratch_folder,
+                          size_t max_faces_for_rays);
 
   // After Decide, whether the face's orientation must be reversed.
   bool IsTurned(uint32_t face) const;

@@ -155,7 +155,7 @@ StatusOr<bool> WeldAndTurn(const RepairOptions& options, std::span<const Eigen::
   std::vector<CoincidentEdges> edges = FindCoincidentEdges(mesh, open_edges);
   for (const CoincidentEdges& e : edges) orientation->Join(e.faces[0], e.faces[1], e.same_direction);
   TESSERA_ASSIGN_OR_RETURN(const FaceOrientation::Result decided,
-                           orientation->Decide(mesh, options.views, options.scratch_folder));
+                           orientation->Decide(mesh, options.views, options.scratch_folder, options.max_faces_for_rays));
   std::erase_if(edges, [&](const CoincidentEdges& e) {
     return (orientation->IsTurned(e.faces[0]) != orientation->IsTurned(e.faces[1])) != e.same_direction;
   });

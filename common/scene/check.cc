@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <filesystem>
 #include <limits>
 #include <map>
 #include <mutex>
@@ -130,9 +129,8 @@ class SceneChecker {
     }
     const TriangleMesh& mesh = *loaded;
     DescribeMesh(mesh);
-    RepairOptions options = RepairOptionsOf(scene_.views, scene_.frame);
-    options.scratch_folder = std::filesystem::temp_directory_path();
-    const StatusOr<RepairedMesh> repaired = RepairMesh(mesh, options, &warnings_);
+    const StatusOr<RepairedMesh> repaired =
+        RepairMesh(mesh, RepairOptionsOf(scene_.views, scene_.frame), &warnings_);
     if (!repaired.ok()) {
       faults_.Add(absl::InvalidArgumentError(absl::StrCat(path, ": ", std::string(repaired.status().message()))));
       return absl::OkStatus();
@@ -143,7 +141,7 @@ class SceneChecker {
       return absl::OkStatus();
     }
     if (scene_.views.empty()) return absl::OkStatus();
-    const StatusOr<double> gsd_m = MedianGsd(scene_, mesh);
+    const StatusOr<double> gsd_m = MedianGsd(scene_, repaired->mesh);
     if (gsd_m.ok()) {
       summary_.gsd_m = *gsd_m;
       faults_.Add(LoadSceneMesh(scene_, *gsd_m).status());  // checks the rounding of float coordinates

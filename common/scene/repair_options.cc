@@ -1,5 +1,8 @@
 #include "common/scene/repair_options.h"
 
+#include <filesystem>
+#include <system_error>
+
 namespace tessera {
 namespace {
 
@@ -23,6 +26,8 @@ RepairOptions RepairOptionsOf(const std::vector<SceneView>& views, const Frame& 
   for (const SceneView& view : views) {
     if (!view.withdrawn) options.views.push_back(ViewpointOf(view.camera));
   }
+  std::error_code error;  // empty if there is none: an error where it is needed
+  options.scratch_folder = std::filesystem::temp_directory_path(error).string();
   options.file_origin = frame.LocalFromScene(Eigen::Vector3d::Zero());
   return options;
 }

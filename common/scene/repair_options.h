@@ -10,7 +10,7 @@
 
 namespace tessera {
 
-// For a mesh in the local frame `frame`. Withdrawn views are ignored.
+// For a mesh in the local frame `frame`. Withdrawn views are ignored. The scratch folder is the system's.
 RepairOptions RepairOptionsOf(const std::vector<SceneView>& views, const Frame& frame);
 
 }  // namespace tessera

@@ -15,6 +15,7 @@
 #include "common/classify/classify_report.h"
 #include "common/classify/classify_scene.h"
 #include "common/classify/training.h"
+#include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "common/scene/scene_json.h"
 #include "common/storage/files.h"
@@ -54,7 +55,10 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
     if (error) return InputError(arguments.mesh, "", error.message(), "a mesh in the scene's coordinates");
     scene.label_property.reset();  // it is that of the scene's mesh
   }
-  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, LoadSceneMesh(scene, 0, &report.warnings));
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh loaded, LoadSceneMesh(scene, 0, &report.warnings));
+  TESSERA_ASSIGN_OR_RETURN(const RepairedMesh repaired,
+                           RepairMesh(loaded, RepairOptionsOf(scene.views, scene.frame), &report.warnings));
+  const TriangleMesh& mesh = repaired.mesh;
   if (mesh.faces.empty()) return InputError(scene.mesh_path, "", "no faces", "at least one");
   TESSERA_ASSIGN_OR_RETURN(report.gsd_m, MedianGsd(scene, mesh));
   report.scene = &scene;

@@ -74,6 +74,7 @@ Status ReviseMesh(const SceneDescription& scene, const BaseMesh& base_mesh, cons
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   RepairOptions repair = RepairOptionsOf(survey->views, scene.frame);
   repair.file_origin = OnLocalGrid(repair.file_origin);
+  repair.scratch_folder = scratch;
   repair.file = path;
   TESSERA_ASSIGN_OR_RETURN(now, RepairOnDisk(std::move(now), scratch, DiskPassOptions(), repair, &defects));
   WarnOfDefects(defects, warnings);
