@@ -6,10 +6,10 @@
 namespace tessera {
 
 struct Viewpoint {
-  Eigen::Vector3d centre;                    // frame of the mesh, metres
-  Eigen::Matrix<double, 3, 4> projection;    // to homogeneous pixel coordinates; the third is the depth in metres
+  Eigen::Vector3d centre;                  // frame of the mesh, metres
+  Eigen::Matrix<double, 3, 4> projection;  // to homogeneous pixel coordinates; the third is the depth in metres
   double width_px = 0, height_px = 0;
-  double focal_product_px2 = 0;              // fx · fy
+  double focal_product_px2 = 0;  // fx · fy
 
   Eigen::Vector3d Homogeneous(const Eigen::Vector3d& p) const { return projection * p.homogeneous(); }
   bool InImage(const Eigen::Vector3d& homogeneous) const {
