@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
+#include "common/geometry/parent_links.h"
 
 namespace tessera {
 namespace {
@@ -20,29 +21,6 @@ constexpr int64_t kGrain = 1 << 14;
 
 void Count(DefectCount& defect, int64_t index) {
   if (defect.count++ == 0) defect.first = index;
-}
-
-Status CheckArrays(const TriangleMesh& mesh) {
-  if (mesh.faces.size() > std::numeric_limits<uint32_t>::max() / 3) {
-    return absl::InvalidArgumentError(absl::StrCat("mesh has ", mesh.faces.size(), " faces, expected at most ",
-                                                   std::numeric_limits<uint32_t>::max() / 3));
-  }
-  if (!mesh.labels.empty() && mesh.labels.size() != mesh.faces.size()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("mesh has ", mesh.labels.size(), " labels, expected one per face: ", mesh.faces.size()));
-  }
-  for (size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (!mesh.vertices[v].allFinite()) return absl::InvalidArgumentError(absl::StrCat("vertex ", v, " is not finite"));
-  }
-  for (size_t f = 0; f < mesh.faces.size(); ++f) {
-    for (const uint32_t vertex : mesh.faces[f]) {
-      if (vertex >= mesh.vertices.size()) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("face ", f, " has vertex index ", vertex, ", expected an index below ", mesh.vertices.size()));
-      }
-    }
-  }
-  return absl::OkStatus();
 }
 
 Kernel::Point_3 ToPoint(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
@@ -82,8 +60,9 @@ struct Owned {
   bool Has(size_t vertex) const { return vertex >= begin && vertex < end; }
 };
 
-void FindDegenerateFaces(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
-  enum : uint8_t { kGood, kRepeated, kZeroArea, kDuplicate };
+void FindDegenerateFaces(const TriangleMesh& mesh, const Owned& owned, std::span<const uint32_t> dropped,
+                         MeshAnalysis& out) {
+  enum : uint8_t { kGood, kRepeated, kZeroArea, kDuplicate, kDropped };
   std::vector<uint8_t>& kind = out.is_degenerate;
   kind.assign(mesh.faces.size(), kGood);
   ParallelForEach(mesh.faces.size(), kGrain, [&](size_t f) {
@@ -94,6 +73,7 @@ void FindDegenerateFaces(const TriangleMesh& mesh, const Owned& owned, MeshAnaly
       kind[f] = kZeroArea;
     }
   });
+  for (const uint32_t f : dropped) kind[f] = kDropped;
   struct Others {
     uint32_t middle, last, face;
     auto operator<=>(const Others&) const = default;
@@ -120,31 +100,9 @@ void FindDegenerateFaces(const TriangleMesh& mesh, const Owned& owned, MeshAnaly
   }
 }
 
-// Union-find; the representative of a set is its lowest member.
-class Fans {
- public:
-  explicit Fans(size_t size) : parent_(size) { std::iota(parent_.begin(), parent_.end(), 0u); }
-  uint32_t Find(uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void Join(uint32_t i, uint32_t j) {
-    i = Find(i);
-    j = Find(j);
-    parent_[std::max(i, j)] = std::min(i, j);
-  }
-  std::vector<uint32_t> Flattened() {
-    for (uint32_t i = 0; i < parent_.size(); ++i) parent_[i] = parent_[parent_[i]];  // a parent has a lower index
-    return std::move(parent_);
-  }
-
- private:
-  std::vector<uint32_t> parent_;
-};
-
 // Joins the corners of adjacent faces across manifold edges only. A vertex with more than one resulting set is
 // non-manifold, or lies on an edge that must be cut, so the sets are exactly the vertex copies that repair needs.
-void FindFans(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
+void FindFans(const TriangleMesh& mesh, const Owned& owned, std::span<const uint32_t> dropped, MeshAnalysis& out) {
   MeshDefects& defects = out.defects;
   // A face at an edge. The edge is stored in the bucket of its lower vertex.
   struct Side {
@@ -162,7 +120,7 @@ void FindFans(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
   const auto vertex_of = [&](uint32_t corner) { return mesh.faces[corner / 3][corner % 3]; };
   const auto next_corner = [](uint32_t corner) { return corner % 3 == 2 ? corner - 2 : corner + 1; };
 
-  Fans fans(3 * mesh.faces.size());
+  ParentLinks fans(3 * mesh.faces.size());
   std::vector<uint8_t> on_cut_edge(mesh.vertices.size(), 0);
   for (uint32_t v = 0; v < mesh.vertices.size(); ++v) {
     for (int64_t i = buckets.offsets[v]; i < buckets.offsets[v + 1];) {
@@ -170,6 +128,10 @@ void FindFans(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
       int64_t faces = 1;
       while (i + faces < buckets.offsets[v + 1] && side[faces].other == side->other) ++faces;
       i += faces;
+      if (faces <= 2 && owned.Has(v)) {
+        if (faces == 1) out.open_edges.push_back(side->corner);
+        if (faces == 2) out.paired_edges.push_back({side[0].corner, side[1].corner});
+      }
       if (faces == 1) {
         defects.boundary_edges += owned.Has(v);
       } else if (faces == 2 && vertex_of(side[0].corner) != vertex_of(side[1].corner)) {
@@ -187,7 +149,12 @@ void FindFans(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
   for (uint32_t corner = 0; corner < out.fan_of_corner.size(); ++corner) {
     if (out.is_degenerate[corner / 3] == 0 && out.fan_of_corner[corner] == corner) ++fans_of_vertex[vertex_of(corner)];
   }
+  std::vector<uint8_t> is_dropped(dropped.empty() ? 0 : mesh.vertices.size(), 0);
+  for (const uint32_t f : dropped) {
+    for (const uint32_t v : mesh.faces[f]) is_dropped[v] = 1;
+  }
   for (size_t v = owned.begin; v < owned.end; ++v) {
+    if (!dropped.empty() && is_dropped[v] != 0) continue;
     if (fans_of_vertex[v] == 0) Count(defects.unreferenced_vertices, static_cast<int64_t>(v));
     if (fans_of_vertex[v] > 1 && on_cut_edge[v] == 0) Count(defects.non_manifold_vertices, static_cast<int64_t>(v));
   }
@@ -198,17 +165,44 @@ void FindFans(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
 bool MeshDefects::IsClean() const {
   return repeated_vertex_faces.count == 0 && zero_area_faces.count == 0 && duplicate_faces.count == 0 &&
          non_manifold_edges.count == 0 && conflicting_edges.count == 0 && non_manifold_vertices.count == 0 &&
-         unreferenced_vertices.count == 0;
+         unreferenced_vertices.count == 0 && stray_vertices.count == 0 && welded_vertices.count == 0 &&
+         turned_faces.count == 0;
 }
 
-StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh) { return AnalyseMeshPart(mesh, 0, mesh.vertices.size()); }
+Status CheckMeshArrays(const TriangleMesh& mesh) {
+  if (mesh.faces.size() > std::numeric_limits<uint32_t>::max() / 3) {
+    return absl::InvalidArgumentError(absl::StrCat("mesh has ", mesh.faces.size(), " faces, expected at most ",
+                                                   std::numeric_limits<uint32_t>::max() / 3));
+  }
+  if (!mesh.labels.empty() && mesh.labels.size() != mesh.faces.size()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("mesh has ", mesh.labels.size(), " labels, expected one per face: ", mesh.faces.size()));
+  }
+  for (size_t v = 0; v < mesh.vertices.size(); ++v) {
+    if (!mesh.vertices[v].allFinite()) return absl::InvalidArgumentError(absl::StrCat("vertex ", v, " is not finite"));
+  }
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (const uint32_t vertex : mesh.faces[f]) {
+      if (vertex >= mesh.vertices.size()) {
+        return absl::InvalidArgumentError(
+            absl::StrCat("face ", f, " has vertex index ", vertex, ", expected an index below ", mesh.vertices.size()));
+      }
+    }
+  }
+  return absl::OkStatus();
+}
 
-StatusOr<MeshAnalysis> AnalyseMeshPart(const TriangleMesh& mesh, size_t owned_begin, size_t owned_end) {
-  TESSERA_RETURN_IF_ERROR(CheckArrays(mesh));
+StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh, std::span<const uint32_t> dropped) {
+  return AnalyseMeshPart(mesh, 0, mesh.vertices.size(), dropped);
+}
+
+StatusOr<MeshAnalysis> AnalyseMeshPart(const TriangleMesh& mesh, size_t owned_begin, size_t owned_end,
+                                       std::span<const uint32_t> dropped) {
+  TESSERA_RETURN_IF_ERROR(CheckMeshArrays(mesh));
   const Owned owned = {owned_begin, owned_end};
   MeshAnalysis analysis;
-  FindDegenerateFaces(mesh, owned, analysis);
-  FindFans(mesh, owned, analysis);
+  FindDegenerateFaces(mesh, owned, dropped, analysis);
+  FindFans(mesh, owned, dropped, analysis);
   return analysis;
 }
 

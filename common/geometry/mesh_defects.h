@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "common/base/status.h"
@@ -27,6 +28,12 @@ struct MeshDefects {
   DefectCount non_manifold_vertices;  // several fans of faces that share only this vertex
   DefectCount unreferenced_vertices;  // in no face, or only in degenerate faces
   int64_t boundary_edges = 0;         // edges with one face; not a defect
+  // Found by RepairMesh only.
+  DefectCount stray_vertices;   // far from all that the views show; in faces
+  int64_t stray_faces = 0;      // faces with such a vertex
+  DefectCount welded_vertices;  // at the same place as an earlier vertex, on a border that both share
+  DefectCount turned_faces;     // with an orientation against their neighbours or the views
+  DefectCount small_pieces;     // pieces that the views hardly show; `first` is a face; not a defect
   bool IsClean() const;
 };
 
@@ -38,19 +45,29 @@ StatusOr<MeshDefects> CheckMesh(const TriangleMesh& mesh);
 // unless `mesh` is an oriented manifold. Takes seconds per million faces. Thread-safe.
 StatusOr<std::vector<std::array<uint32_t, 2>>> SelfIntersections(const TriangleMesh& mesh);
 
+// The errors of CheckMesh.
+Status CheckMeshArrays(const TriangleMesh& mesh);
+
 // The result of CheckMesh, and the data that RepairMesh needs.
 struct MeshAnalysis {
   MeshDefects defects;
-  std::vector<uint8_t> is_degenerate;  // per face
+  std::vector<uint8_t> is_degenerate;  // per face; also those in `dropped`
   // Corner 3 f + k is vertex k of face f. Corners that are connected across manifold edges (two faces, consistent
   // orientation) form a fan; its id is the lowest of these corners. Undefined for degenerate faces.
   std::vector<uint32_t> fan_of_corner;
+  // Edges with one face, and edges with two faces: the start corners of the faces' directed edges. By ascending lower
+  // vertex.
+  std::vector<uint32_t> open_edges;
+  std::vector<std::array<uint32_t, 2>> paired_edges;
 };
-StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh);
+// `dropped`: faces that count as removed, ascending.
+StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh, std::span<const uint32_t> dropped = {});
 
 // The same for a part of a mesh: all faces of the owned vertices [owned_begin, owned_end) are present, faces of other
 // vertices may be missing. Counts only defects of owned vertices, and of faces and edges whose lowest vertex is owned.
-// Fans are valid only at owned vertices. If each vertex is owned by one part, each defect of the whole is counted once.
-StatusOr<MeshAnalysis> AnalyseMeshPart(const TriangleMesh& mesh, size_t owned_begin, size_t owned_end);
+// Fans are valid only at owned vertices. If each vertex is owned by one part, each defect of the whole is counted once,
+// and each edge is listed once.
+StatusOr<MeshAnalysis> AnalyseMeshPart(const TriangleMesh& mesh, size_t owned_begin, size_t owned_end,
+                                       std::span<const uint32_t> dropped = {});
 
 }  // namespace tessera

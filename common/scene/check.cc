@@ -18,6 +18,7 @@
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
 #include "common/scene/photographs.h"
+#include "common/scene/repair_options.h"
 #include "common/scene/skip_images.h"
 #include "common/scene/tie_points.h"
 
@@ -154,17 +155,19 @@ class SceneChecker {
     }
     const TriangleMesh& mesh = *loaded;
     DescribeMesh(mesh);
-    StatusOr<RepairedMesh> repaired = RepairMesh(mesh, &warnings_);
+    StatusOr<RepairedMesh> repaired =
+        RepairMesh(mesh, RepairOptionsOf(scene_.views, scene_.frame), &warnings_);
     if (!repaired.ok()) {
       faults_.Add(absl::InvalidArgumentError(absl::StrCat(path, ": ", std::string(repaired.status().message()))));
       return absl::OkStatus();
     }
+    DescribeExtent(repaired->mesh);
     if (repaired->mesh.faces.empty()) {
       faults_.Add(InputError(path, "", "only degenerate faces", "at least one face with an area"));
       return absl::OkStatus();
     }
     if (scene_.views.empty()) return absl::OkStatus();
-    const StatusOr<double> gsd_m = MedianGsd(scene_, mesh);
+    const StatusOr<double> gsd_m = MedianGsd(scene_, repaired->mesh);
     if (gsd_m.ok()) {
       summary_.gsd_m = *gsd_m;
       faults_.Add(LoadSceneMesh(scene_, *gsd_m).status());  // checks the rounding of float coordinates
@@ -215,6 +218,12 @@ class SceneChecker {
     for (SceneSummary::ClassShare& entry : summary_.classes) {
       entry.area_share = summary_.surface_m2 > 0 ? entry.area_share / summary_.surface_m2 : 0;
     }
+    if (summary_.unlabelled_faces > 0) {
+      warnings_.push_back(absl::StrCat(scene_.mesh_path, ": ", summary_.unlabelled_faces, " faces have no label"));
+    }
+  }
+
+  void DescribeExtent(const TriangleMesh& mesh) {
     const Eigen::Vector3d east = scene_.up_in_local.unitOrthogonal(), north = scene_.up_in_local.cross(east);
     const Eigen::Vector3d axes[3] = {std::abs(scene_.up_in_local.z()) > 0.999999 ? Eigen::Vector3d::UnitX() : east,
                                      std::abs(scene_.up_in_local.z()) > 0.999999 ? Eigen::Vector3d::UnitY() : north,
@@ -230,9 +239,6 @@ class SceneChecker {
     if (geodetic.ok()) {
       summary_.lat_deg = geodetic->x() * 180 / std::numbers::pi;
       summary_.lon_deg = geodetic->y() * 180 / std::numbers::pi;
-    }
-    if (summary_.unlabelled_faces > 0) {
-      warnings_.push_back(absl::StrCat(scene_.mesh_path, ": ", summary_.unlabelled_faces, " faces have no label"));
     }
   }
 

@@ -17,6 +17,7 @@
 #include "common/classify/classify_scene.h"
 #include "common/classify/training.h"
 #include "common/scene/check.h"
+#include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "common/scene/scene_json.h"
 #include "common/storage/files.h"
@@ -68,8 +69,11 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
     scene.label_property.reset();  // it is that of the scene's mesh
   }
   Warnings repeated;
-  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh,
-                           LoadSceneMesh(scene, 0, arguments.mesh.empty() ? &repeated : &report.warnings));
+  Warnings* const of_mesh = arguments.mesh.empty() ? &repeated : &report.warnings;
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh loaded, LoadSceneMesh(scene, 0, of_mesh));
+  TESSERA_ASSIGN_OR_RETURN(const RepairedMesh repaired,
+                           RepairMesh(loaded, RepairOptionsOf(scene.views, scene.frame), of_mesh));
+  const TriangleMesh& mesh = repaired.mesh;
   if (mesh.faces.empty()) return InputError(scene.mesh_path, "", "no faces", "at least one");
   TESSERA_ASSIGN_OR_RETURN(report.gsd_m, MedianGsd(scene, mesh));
   report.scene = &scene;

@@ -15,6 +15,7 @@
 #include "common/geometry/repair.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/ply.h"
+#include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "tests/support/held_pixels.h"
 #include "tests/support/refine_surface.h"
@@ -109,7 +110,7 @@ Status Bench(Arguments& a) {
     problem.views.push_back({cameras[i], std::make_shared<HeldPixels>(images[i])});
   DensityOptions density;
   density.max_footprint_px2 = a.max_footprint_px2;
-  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(start, &warnings));
+  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(start, RepairOptionsOf(scene.views, scene.frame), &warnings));
   problem.mesh = SplitLargeFaces(repaired.mesh, cameras, density).mesh;
   std::printf("views %zu  gsd %.4f m  faces %zu -> %zu\n", cameras.size(), problem.gsd_m, start.faces.size(),
               problem.mesh.faces.size());

@@ -10,6 +10,7 @@
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
 #include "common/geometry/mesh_defects.h"
+#include "common/geometry/repair.h"
 #include "common/imaging/camera.h"
 #include "common/scene/scene.h"
 #include "common/storage/mapped_file.h"
@@ -54,9 +55,10 @@ struct DiskPassOptions {
 };
 
 // RepairMesh on disk: same faces, vertices, order and defect counts, for any part size. A mesh without defects is
-// returned unchanged. Memory: one part, and a few numbers per defect.
+// returned unchanged. Memory: one part, and a few numbers per defect, open edge and piece; the rays to at most 4 million
+// faces.
 StatusOr<DiskMesh> RepairOnDisk(DiskMesh mesh, const std::string& scratch_folder, const DiskPassOptions& options,
-                                MeshDefects* defects);
+                                const RepairOptions& repair, MeshDefects* defects);
 
 // SplitLargeFaces on disk: same faces, vertices and order, for any chunk size.
 StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& cameras, const DensityOptions& density,

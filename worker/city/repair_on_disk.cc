@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "common/geometry/repair.h"
 #include "worker/city/disk_mesh.h"
 
 namespace tessera {
@@ -19,6 +20,12 @@ struct RepairPlan {
   bool empty() const { return removed_faces.empty() && dropped.empty() && copies.empty(); }
 };
 
+// Receives the edges of all parts.
+struct EdgeSink {
+  FaceOrientation* orientation;  // joins the faces of edges with two faces
+  std::vector<Corner>* open_edges;
+};
+
 void AddCount(const DefectCount& part, int64_t first_in_mesh, DefectCount* whole) {
   if (part.count == 0) return;
   whole->first = whole->count == 0 ? first_in_mesh : std::min(whole->first, first_in_mesh);
@@ -30,7 +37,13 @@ void AddCount(const DefectCount& part, int64_t first_in_mesh, DefectCount* whole
 // reports defects of its own vertices only, so nothing is counted twice.
 class Part {
  public:
-  Part(const MeshSpans& mesh, size_t begin, size_t end, std::span<const uint32_t> face_ids) : face_ids_(face_ids) {
+  // `dropped`: faces that count as removed, ascending.
+  Part(const MeshSpans& mesh, size_t begin, size_t end, std::span<const uint32_t> face_ids,
+       std::span<const uint32_t> dropped)
+      : face_ids_(face_ids) {
+    for (uint32_t f = 0; !dropped.empty() && f < face_ids.size(); ++f) {
+      if (std::binary_search(dropped.begin(), dropped.end(), face_ids[f])) dropped_.push_back(f);
+    }
     for (size_t v = begin; v < end; ++v) vertex_ids_.push_back(static_cast<uint32_t>(v));
     for (const uint32_t f : face_ids) {
       for (const uint32_t v : mesh.faces[f]) {
@@ -52,8 +65,9 @@ class Part {
     }
   }
 
-  Status Analyse(RepairPlan* plan, MeshDefects* defects) const {
-    TESSERA_ASSIGN_OR_RETURN(const MeshAnalysis found, AnalyseMeshPart(mesh_, owned_begin_, owned_end_));
+  // `edges` may be null.
+  Status Analyse(RepairPlan* plan, EdgeSink* edges, MeshDefects* defects) const {
+    TESSERA_ASSIGN_OR_RETURN(const MeshAnalysis found, AnalyseMeshPart(mesh_, owned_begin_, owned_end_, dropped_));
     const MeshDefects& d = found.defects;
     const auto face = [&](const DefectCount& c) { return c.first < 0 ? -1 : int64_t{face_ids_[c.first]}; };
     const auto vertex = [&](const DefectCount& c) { return c.first < 0 ? -1 : int64_t{vertex_ids_[c.first]}; };
@@ -88,6 +102,12 @@ class Part {
     for (size_t v = owned_begin_; v < owned_end_; ++v) {
       if (first_fan[v] == kNone) plan->dropped.push_back(vertex_ids_[v]);
     }
+    if (edges == nullptr) return absl::OkStatus();
+    const auto start = [&](uint32_t corner) { return mesh_.faces[corner / 3][corner % 3]; };
+    for (const uint32_t corner : found.open_edges) edges->open_edges->push_back(InMesh(corner));
+    for (const auto& [a, b] : found.paired_edges) {
+      edges->orientation->Join(face_ids_[a / 3], face_ids_[b / 3], start(a) == start(b));
+    }
     return absl::OkStatus();
   }
 
@@ -98,6 +118,7 @@ class Part {
   Corner InMesh(uint32_t corner) const { return Corner{3} * face_ids_[corner / 3] + corner % 3; }
 
   std::span<const uint32_t> face_ids_;
+  std::vector<uint32_t> dropped_;  // indices in face_ids_
   std::vector<uint32_t> vertex_ids_;
   size_t owned_begin_ = 0, owned_end_ = 0;
   TriangleMesh mesh_;
@@ -158,12 +179,9 @@ StatusOr<DiskMesh> ApplyRepair(const DiskMesh& mesh, RepairPlan plan, const std:
   return out;
 }
 
-}  // namespace
-
-StatusOr<DiskMesh> RepairOnDisk(DiskMesh mesh, const std::string& scratch_folder, const DiskPassOptions& options,
-                                MeshDefects* defects) {
-  const MeshSpans spans = mesh.spans();
-  const size_t size = options.vertices_per_part;
+// Analyses the mesh part by part. `edges` may be null.
+StatusOr<RepairPlan> AnalyseParts(const MeshSpans& spans, size_t size, std::span<const uint32_t> dropped,
+                                  const std::string& scratch_folder, EdgeSink* edges, MeshDefects* defects) {
   const size_t parts = (spans.vertices.size() + size - 1) / size;
   // Sort the faces by part. A face is in up to three parts.
   const auto for_each_part = [&](const Triangle& face, const auto& visit) {
@@ -183,9 +201,35 @@ StatusOr<DiskMesh> RepairOnDisk(DiskMesh mesh, const std::string& scratch_folder
   RepairPlan plan;
   for (size_t p = 0; p < parts; ++p) {
     const Part part(spans, p * size, std::min((p + 1) * size, spans.vertices.size()),
-                    std::span<const uint32_t>(faces_of.values()).subspan(ends[p], ends[p + 1] - ends[p]));
-    TESSERA_RETURN_IF_ERROR(part.Analyse(&plan, defects));
+                    std::span<const uint32_t>(faces_of.values()).subspan(ends[p], ends[p + 1] - ends[p]),
+                    dropped);
+    TESSERA_RETURN_IF_ERROR(part.Analyse(&plan, edges, defects));
   }
+  return plan;
+}
+
+}  // namespace
+
+StatusOr<DiskMesh> RepairOnDisk(DiskMesh mesh, const std::string& scratch_folder, const DiskPassOptions& options,
+                                const RepairOptions& repair, MeshDefects* defects) {
+  const size_t size = options.vertices_per_part;
+  MeshDefects before, at_cut;
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> stray,
+                           DropStrayFaces(repair, mesh.vertices.values(), mesh.faces.values(), &before));
+  TESSERA_ASSIGN_OR_RETURN(auto links, ScratchArray<uint32_t>::Create(scratch_folder, mesh.faces.size()));
+  FaceOrientation orientation(links.values());
+  std::vector<Corner> open_edges;
+  EdgeSink edges = {&orientation, &open_edges};
+  TESSERA_ASSIGN_OR_RETURN(RepairPlan plan, AnalyseParts(mesh.spans(), size, stray, scratch_folder, &edges, &at_cut));
+  before.unreferenced_vertices = at_cut.unreferenced_vertices;
+  for (const uint32_t f : plan.removed_faces) orientation.Exclude(f);
+  TESSERA_ASSIGN_OR_RETURN(const bool is_changed, WeldAndTurn(repair, mesh.vertices.values(), open_edges, &orientation,
+                                                              mesh.faces.values(), &before));
+  if (is_changed) {
+    at_cut = MeshDefects();
+    TESSERA_ASSIGN_OR_RETURN(plan, AnalyseParts(mesh.spans(), size, stray, scratch_folder, nullptr, &at_cut));
+  }
+  *defects = CombinedDefects(before, at_cut);
   if (plan.empty()) return mesh;
   return ApplyRepair(mesh, std::move(plan), scratch_folder);
 }

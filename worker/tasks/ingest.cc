@@ -10,6 +10,7 @@
 #include "common/scene/check.h"
 #include "common/scene/coverage.h"
 #include "common/scene/fit_findings.h"
+#include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "worker/city/cell_views.h"
@@ -133,12 +134,6 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   Warnings of_large_mesh;  // a smaller one was checked with the scene
   TESSERA_ASSIGN_OR_RETURN(DiskMesh mesh, ReadMeshToDisk(scene, scratch, &of_large_mesh));
   Survey survey;
-  TESSERA_ASSIGN_OR_RETURN(survey.gsd_m, MedianGsd(scene, GsdSamples(mesh.spans())));
-  if (parameters.classify) {
-    TESSERA_ASSIGN_OR_RETURN(survey.classifier,
-                             ClassifierContent(request, parameters, survey.gsd_m, &outcome.warnings));
-    TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, {}, control, &scene));
-  }
   survey.has_labels = mesh.labels.size() > 0;
   survey.input_vertices = static_cast<int64_t>(mesh.vertices.size());
   survey.input_faces = static_cast<int64_t>(mesh.faces.size());
@@ -146,9 +141,19 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
 
   control.Report(0.4, "repairing the mesh");
   MeshDefects defects;
-  TESSERA_ASSIGN_OR_RETURN(mesh, RepairOnDisk(std::move(mesh), scratch, DiskPassOptions(), &defects));
+  RepairOptions repair = RepairOptionsOf(scene.views, scene.frame);
+  repair.file_origin = OnLocalGrid(repair.file_origin);
+  repair.scratch_folder = scratch;
+  repair.file = absl::StrCat(scene.folder, "/", scene.mesh_path);
+  TESSERA_ASSIGN_OR_RETURN(mesh, RepairOnDisk(std::move(mesh), scratch, DiskPassOptions(), repair, &defects));
   if (mesh.faces.size() == 0)
     return InputError(scene.mesh_path, "", "only degenerate faces", "at least one face with an area");
+  TESSERA_ASSIGN_OR_RETURN(survey.gsd_m, MedianGsd(scene, GsdSamples(mesh.spans())));
+  if (parameters.classify) {
+    TESSERA_ASSIGN_OR_RETURN(survey.classifier,
+                             ClassifierContent(request, parameters, survey.gsd_m, &outcome.warnings));
+    TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, {}, control, &scene));
+  }
   if (survey.input_faces > kMaxFacesInMemory) {
     outcome.warnings.insert(outcome.warnings.end(), of_large_mesh.begin(), of_large_mesh.end());
     TESSERA_RETURN_IF_ERROR(

@@ -3,6 +3,7 @@
 #include <optional>
 #include <set>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
@@ -11,6 +12,7 @@
 #include "common/job/task_parameters.h"
 #include "common/scene/check.h"
 #include "common/scene/photographs.h"
+#include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "worker/city/disk_mesh.h"
@@ -100,6 +102,7 @@ void FindForms(const Survey& base, const UpdateFiles& files, SceneDescription* s
 struct BaseMesh {
   std::string path;  // relative to the scene's folder
   std::optional<std::string> label_property;
+  std::vector<SceneView> views;  // of the base job
 };
 
 // Updates the base's city to the scene's mesh and writes it.
@@ -112,9 +115,13 @@ Status ReviseMesh(const SceneDescription& scene, const BaseMesh& base_mesh, cons
   TESSERA_ASSIGN_OR_RETURN(DiskMesh now, ReadMeshToDisk(scene, scratch, warnings));
   survey->input_vertices = static_cast<int64_t>(now.vertices.size());
   survey->input_faces = static_cast<int64_t>(now.faces.size());
-  TESSERA_ASSIGN_OR_RETURN(now, RepairOnDisk(std::move(now), scratch, DiskPassOptions(), &defects));
-  WarnOfDefects(defects, warnings);
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
+  RepairOptions repair = RepairOptionsOf(survey->views, scene.frame);
+  repair.file_origin = OnLocalGrid(repair.file_origin);
+  repair.scratch_folder = scratch;
+  repair.file = path;
+  TESSERA_ASSIGN_OR_RETURN(now, RepairOnDisk(std::move(now), scratch, DiskPassOptions(), repair, &defects));
+  WarnOfDefects(defects, warnings);
   if (now.float_positions) TESSERA_RETURN_IF_ERROR(CheckFloatRounding(path, now.largest_coordinate_m, survey->gsd_m));
   if ((now.labels.size() > 0) != survey->has_labels) {
     return InputError(
@@ -129,7 +136,8 @@ Status ReviseMesh(const SceneDescription& scene, const BaseMesh& base_mesh, cons
     return InputError(path, "", "a new mesh of another name", "a name that ends in .ply or .obj");
   }
   TESSERA_ASSIGN_OR_RETURN(DiskMesh base, ReadMeshToDisk(with_base_mesh, scratch));
-  TESSERA_ASSIGN_OR_RETURN(base, RepairOnDisk(std::move(base), scratch, DiskPassOptions(), &of_base));
+  repair.views = RepairOptionsOf(base_mesh.views, scene.frame).views;  // as the base job repaired it
+  TESSERA_ASSIGN_OR_RETURN(base, RepairOnDisk(std::move(base), scratch, DiskPassOptions(), repair, &of_base));
   TESSERA_RETURN_IF_ERROR(CompleteLabels(survey->has_likelihoods, scratch, &now));
   TESSERA_RETURN_IF_ERROR(CompleteLabels(survey->has_likelihoods, scratch, &base));
   TESSERA_RETURN_IF_ERROR(control.Check());
@@ -183,7 +191,7 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   if (const auto mesh = files.carried.find(survey.mesh_path); mesh != files.carried.end()) {
     survey.mesh_path = mesh->second;
   }
-  const BaseMesh base_mesh = {survey.mesh_path, survey.label_property};
+  const BaseMesh base_mesh = {survey.mesh_path, survey.label_property, survey.views};
   if (whole) {
     if (!other_mesh && scene.label_property != survey.label_property) {
       return InputError(absl::StrCat(scene.folder, "/scene.json"), "label_property",

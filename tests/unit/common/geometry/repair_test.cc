@@ -28,7 +28,7 @@ double Area(const TriangleMesh& mesh) {
 }
 
 RepairedMesh Repaired(const TriangleMesh& mesh, Warnings* warnings = nullptr) {
-  StatusOr<RepairedMesh> repaired = RepairMesh(mesh, warnings);
+  StatusOr<RepairedMesh> repaired = CutMesh(mesh, warnings);
   EXPECT_TRUE(repaired.ok()) << repaired.status();
   return *std::move(repaired);
 }
@@ -193,7 +193,7 @@ TEST(Repair, DoesNotDependOnThreads) {
 TEST(Repair, RejectsInvalidArrays) {
   TriangleMesh mesh = Tetrahedron();
   mesh.vertices[2].z() = std::numeric_limits<double>::infinity();
-  EXPECT_THAT(RepairMesh(mesh, nullptr).status().message(), HasSubstr("vertex 2 is not finite"));
+  EXPECT_THAT(CutMesh(mesh, nullptr).status().message(), HasSubstr("vertex 2 is not finite"));
   mesh = Tetrahedron();
   mesh.faces[1][1] = 4;
   EXPECT_THAT(CheckMesh(mesh).status().message(), HasSubstr("face 1 has vertex index 4, expected an index below 4"));

@@ -9,6 +9,7 @@
 #include "common/base/random.h"
 #include "common/geometry/coarse_mesh.h"
 #include "common/geometry/repair.h"
+#include "tests/support/bent_meshes.h"
 #include "tests/support/quad_mesh.h"
 #include "tests/support/tiny_scene.h"
 #include "tests/unit/worker/city/to_disk.h"
@@ -54,34 +55,80 @@ void ExpectSame(const DefectCount& a, const DefectCount& b) {
   EXPECT_EQ(a.first, b.first);
 }
 
-TEST(RepairOnDisk, EqualsRepairMeshForAnyPartSize) {
-  int64_t copies = 0, removed = 0;
-  for (uint64_t seed = 0; seed < 60; ++seed) {
-    const TriangleMesh mesh = Mess(seed);
-    const auto expected = RepairMesh(mesh, nullptr);
-    ASSERT_TRUE(expected.ok());
-    copies += expected->vertex_copies;
-    removed += static_cast<int64_t>(expected->removed_faces.size());
-    for (const size_t size : {1, 3, 7, 1000}) {
-      MeshDefects defects;
-      const auto found = RepairOnDisk(ToDisk(mesh), testing::TempDir(), {.vertices_per_part = size}, &defects);
-      ASSERT_TRUE(found.ok()) << found.status();
-      ExpectSame(expected->mesh, *found);
+// Defects that RepairMesh finds on disk and in memory, for parts of several sizes. Returns those in memory.
+RepairedMesh ExpectSameRepair(const TriangleMesh& mesh, const RepairOptions& options) {
+  const auto expected = RepairMesh(mesh, options, nullptr);
+  EXPECT_TRUE(expected.ok()) << expected.status();
+  if (!expected.ok()) return {};
+  for (const size_t size : {1, 3, 7, 1000}) {
+    MeshDefects defects;
+    const auto found = RepairOnDisk(ToDisk(mesh), testing::TempDir(), {.vertices_per_part = size}, options, &defects);
+    EXPECT_TRUE(found.ok()) << found.status();
+    if (!found.ok()) continue;
+    ExpectSame(expected->mesh, *found);
+    if (found->input_face.size() > 0 || expected->face_in_input.empty()) {
       const std::vector<uint32_t> input_face = Values(found->input_face);
       EXPECT_EQ(std::vector<int64_t>(input_face.begin(), input_face.end()), expected->face_in_input);
-      const MeshDefects& d = expected->defects;
-      ExpectSame(defects.repeated_vertex_faces, d.repeated_vertex_faces);
-      ExpectSame(defects.zero_area_faces, d.zero_area_faces);
-      ExpectSame(defects.duplicate_faces, d.duplicate_faces);
-      ExpectSame(defects.non_manifold_edges, d.non_manifold_edges);
-      ExpectSame(defects.conflicting_edges, d.conflicting_edges);
-      ExpectSame(defects.non_manifold_vertices, d.non_manifold_vertices);
-      ExpectSame(defects.unreferenced_vertices, d.unreferenced_vertices);
-      EXPECT_EQ(defects.boundary_edges, d.boundary_edges);
+    } else {
+      EXPECT_TRUE(expected->removed_faces.empty());
     }
+    const MeshDefects& d = expected->defects;
+    ExpectSame(defects.repeated_vertex_faces, d.repeated_vertex_faces);
+    ExpectSame(defects.zero_area_faces, d.zero_area_faces);
+    ExpectSame(defects.duplicate_faces, d.duplicate_faces);
+    ExpectSame(defects.non_manifold_edges, d.non_manifold_edges);
+    ExpectSame(defects.conflicting_edges, d.conflicting_edges);
+    ExpectSame(defects.non_manifold_vertices, d.non_manifold_vertices);
+    ExpectSame(defects.unreferenced_vertices, d.unreferenced_vertices);
+    ExpectSame(defects.stray_vertices, d.stray_vertices);
+    EXPECT_EQ(defects.stray_faces, d.stray_faces);
+    ExpectSame(defects.welded_vertices, d.welded_vertices);
+    ExpectSame(defects.turned_faces, d.turned_faces);
+    ExpectSame(defects.small_pieces, d.small_pieces);
+    EXPECT_EQ(defects.boundary_edges, d.boundary_edges);
+  }
+  return *expected;
+}
+
+TEST(RepairOnDisk, EqualsRepairMeshForAnyPartSize) {
+  int64_t copies = 0, removed = 0, welded = 0, turned = 0;
+  for (uint64_t seed = 0; seed < 60; ++seed) {
+    SCOPED_TRACE(seed);
+    const TriangleMesh mesh = Mess(seed);
+    const RepairedMesh out = ExpectSameRepair(mesh, seed % 4 == 0 ? ViewsAround(mesh) : RepairOptions());
+    copies += out.vertex_copies;
+    removed += static_cast<int64_t>(out.removed_faces.size());
+    welded += out.defects.welded_vertices.count;
+    turned += out.defects.turned_faces.count;
   }
   EXPECT_GT(copies, 0);
   EXPECT_GT(removed, 0);
+  EXPECT_GT(welded, 0);
+  EXPECT_GT(turned, 0);
+}
+
+TEST(RepairOnDisk, EqualsRepairMeshForSoupsTilesMixedOrientationsAndStrayVertices) {
+  for (uint64_t seed = 0; seed < 12; ++seed) {
+    SCOPED_TRACE(seed);
+    Random random(seed);
+    TriangleMesh mesh = MakeTinyScene().mesh;
+    RepairOptions options = ViewsAround(mesh);
+    options.scratch_folder = testing::TempDir();
+    options.max_faces_for_rays = seed < 6 ? 4 << 20 : 100;
+    const bool some = seed % 2 == 0;
+    for (Triangle& face : mesh.faces) {
+      if (!some || random.Below(4) == 0) std::swap(face[1], face[2]);
+    }
+    if (seed % 3 == 0) mesh = Soup(mesh);
+    if (seed % 3 == 1) mesh = Tiles(mesh, 3);
+    const auto stray = static_cast<size_t>(random.Below(static_cast<int64_t>(mesh.vertices.size())));
+    mesh.vertices[stray] = {-386512, -6671850, -20};
+    for (Eigen::Vector3d& p : mesh.vertices) p.z() += 1e-7 * static_cast<double>(random.Below(3));
+    const RepairedMesh out = ExpectSameRepair(mesh, options);
+    EXPECT_GT(out.defects.turned_faces.count, 0);
+    EXPECT_GT(out.defects.stray_vertices.count, 0);
+    EXPECT_EQ(out.defects.welded_vertices.count > 0, seed % 3 != 2);
+  }
 }
 
 TEST(SplitOnDisk, EqualsSplitLargeFacesForAnyChunkSize) {

@@ -20,7 +20,7 @@ constexpr int kSide = 14;
 
 DiskMesh Repaired(const TriangleMesh& mesh) {
   MeshDefects defects;
-  return *RepairOnDisk(ToDisk(mesh), testing::TempDir(), DiskPassOptions(), &defects);
+  return *RepairOnDisk(ToDisk(mesh), testing::TempDir(), DiskPassOptions(), RepairOptions(), &defects);
 }
 
 // Hilly ground of 4 m squares.
