@@ -244,10 +244,6 @@ void InsideOut(const std::string& scene) {
   });
 }
 
-void NanVertex(const std::string& scene) {
-  EditMesh(scene, [](TriangleMesh* mesh) { mesh->vertices.at(17).z() = NAN; });
-}
-
 void OneFace(const std::string& scene) {
   EditMesh(scene, [](TriangleMesh* mesh) {
     const Eigen::AlignedBox3d box = BoxOf(*mesh);

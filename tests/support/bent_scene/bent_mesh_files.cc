@@ -1,4 +1,5 @@
 // Mesh files as other programs write them.
+#include <cmath>
 #include <map>
 
 #include "absl/strings/str_cat.h"
@@ -158,6 +159,12 @@ void BigEndianHeaderExtras(const std::string& scene) {
 void FloatUtm(const std::string& scene) {
   DoubleUtm(scene);
   WriteText(scene + "/mesh.ply", BinaryPly<float, int32_t>(ReadSceneMesh(scene), "float", "int"));
+}
+
+void NanVertex(const std::string& scene) {
+  TriangleMesh mesh = ReadSceneMesh(scene);
+  mesh.vertices.at(17).z() = NAN;
+  WriteText(scene + "/mesh.ply", BinaryPly<double, int32_t>(mesh, "double", "int"));
 }
 
 void PointCloud(const std::string& scene) {
