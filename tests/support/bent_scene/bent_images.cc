@@ -192,12 +192,12 @@ void BlackRims(const std::string& scene) {
   }
 }
 
-void HundredMegapixels(const std::string& scene) {
-  constexpr int kWidth = 11648, kHeight = 8736;
+void LargePhotograph(const std::string& scene, int width_px) {
+  const int height_px = width_px * 3 / 4;
   EditJpeg(ImagePath(scene, 0),
            [](const cv::Mat& image) {
              cv::Mat large;
-             cv::resize(image, large, {kWidth, kHeight}, 0, 0, cv::INTER_LINEAR);
+             cv::resize(image, large, {width_px, height_px}, 0, 0, cv::INTER_LINEAR);
              return large;
            },
            {cv::IMWRITE_JPEG_QUALITY, 60});
@@ -207,15 +207,19 @@ void HundredMegapixels(const std::string& scene) {
   for (const TextCamera& camera : cameras) {
     if (camera.id == images.at(0).camera) large = camera;
   }
-  const double scales[2] = {static_cast<double>(kWidth) / large.width, static_cast<double>(kHeight) / large.height};
+  const double scales[2] = {static_cast<double>(width_px) / large.width, static_cast<double>(height_px) / large.height};
   for (size_t k = 0; k < 4; ++k) large.parameters.at(k) *= scales[k % 2];
   large.id = 99;
-  large.width = kWidth;
-  large.height = kHeight;
+  large.width = width_px;
+  large.height = height_px;
   cameras.push_back(large);
   images[0].camera = large.id;
   WriteTextCameras(scene, cameras);
   WriteImagesWithoutPoints(scene, images);
 }
+
+void HundredMegapixels(const std::string& scene) { LargePhotograph(scene, 11648); }
+
+void TwentyFiveMegapixels(const std::string& scene) { LargePhotograph(scene, 5824); }
 
 }  // namespace tessera::bent

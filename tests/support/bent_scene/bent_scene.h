@@ -47,15 +47,17 @@ void ExifOrientation(const std::string& scene);  // a tag that viewers apply; th
 void TurnedPortrait(const std::string& scene);   // one photograph turned by 90 degrees
 void Tiff16Bit12(const std::string& scene);      // 12 bits in 16
 void Tiff16BitFull(const std::string& scene);
-void TiffFloat(const std::string& scene);               // one photograph
-void TiffFourBands(const std::string& scene);           // the fourth is near infrared
-void TruncatedJpeg(const std::string& scene);           // north_00_000.jpg
-void ZeroBytes(const std::string& scene);               // north_00_000.jpg
-void DamagedInside(const std::string& scene);           // 4 KiB of zeros in every third JPEG
-void GreyProgressivePalette(const std::string& scene);  // five photographs in other forms
-void TransparentMasks(const std::string& scene);        // PNG, transparent outside an ellipse
-void BlackRims(const std::string& scene);               // of an undistortion
-void HundredMegapixels(const std::string& scene);       // one photograph of 11648 x 8736 pixels
+void TiffFloat(const std::string& scene);                      // one photograph
+void TiffFourBands(const std::string& scene);                  // the fourth is near infrared
+void TruncatedJpeg(const std::string& scene);                  // north_00_000.jpg
+void ZeroBytes(const std::string& scene);                      // north_00_000.jpg
+void DamagedInside(const std::string& scene);                  // 4 KiB of zeros in every third JPEG
+void GreyProgressivePalette(const std::string& scene);         // five photographs in other forms
+void TransparentMasks(const std::string& scene);               // PNG, transparent outside an ellipse
+void BlackRims(const std::string& scene);                      // of an undistortion
+void LargePhotograph(const std::string& scene, int width_px);  // one of this width, with its camera
+void HundredMegapixels(const std::string& scene);              // one of 11648 x 8736 pixels
+void TwentyFiveMegapixels(const std::string& scene);           // one of 5824 x 4368 pixels
 
 // Likelihoods (bent_likelihoods.cc). PlainNpy and PlainLabels are good scenes to compare others with.
 void PlainNpy(const std::string& scene);     // float32, classes x height x width
