@@ -73,7 +73,7 @@ inline const std::vector<ReportCase>& ReportCases() {
       {"32-grey-progressive-palette", bent::GreyProgressivePalette, kGood},
       {"33-transparent-masks", bent::TransparentMasks, kTold, {}},
       {"34-black-rims", bent::BlackRims, kTold, {}},
-      // A quarter of the pixels, which takes a quarter of the time. What a job of the whole needs depends on the machine.
+      // A quarter of the pixels takes a quarter of the time. Whether the memory suffices depends on the machine.
       {"35-hundred-megapixels", bent::TwentyFiveMegapixels, kGood},
       // Likelihoods.
       {"36-npy-float64-hwc", bent::NpyFloat64Hwc, kTold, {}, kPlainNpy},  // not yet
