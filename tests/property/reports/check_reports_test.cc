@@ -144,6 +144,23 @@ TEST(CheckOfBaseScene, IsGood) {
   EXPECT_THAT(warnings, testing::IsEmpty());
 }
 
+// Report 33. Transparent pixels are no evidence; black ones are.
+TEST(MasksOfReports, AreNotReadAsBlack) {  // not yet
+  std::string hashes[2];
+  for (const bool is_transparent : {false, true}) {
+    const std::string folder = FreshTestFolder(is_transparent ? "transparent" : "black") + "/scene";
+    bent::CopyBaseScene(folder);
+    (is_transparent ? bent::TransparentMasks : bent::BlackMasks)(folder);
+    Warnings warnings;
+    const auto scene = LoadScene(folder, &warnings);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    const auto content = ReadPixelContent(folder, scene->views[0], 4);
+    ASSERT_TRUE(content.ok()) << content.status();
+    hashes[is_transparent] = content->image;
+  }
+  EXPECT_NE(hashes[0], hashes[1]);
+}
+
 // Report 96. Colours that are mixed, as JPEG and painting programs mix them, are refused rather than guessed.
 TEST(AnnotationsOfReports, AreReadOrRefused) {
   struct Form {

@@ -65,6 +65,8 @@ void Blacken(ByteImage* image, const Outside& outside) {
   }
 }
 
+bool OutsideEllipse(double u, double v) { return u * u + v * v > 0.84 * 0.84; }
+
 // RGB with a fourth channel.
 ByteImage WithFourth(const ByteImage& rgb, const uint8_t* fourth) {
   ByteImage image(rgb.width, rgb.height, 4, 255);
@@ -177,8 +179,15 @@ void GreyProgressivePalette(const std::string& scene) {
 void TransparentMasks(const std::string& scene) {
   EncodeImages(scene, kAllImages, ".png", [](const ByteImage& rgb) {
     ByteImage image = WithFourth(rgb, nullptr);
-    Blacken(&image, [](double u, double v) { return u * u + v * v > 0.84 * 0.84; });
+    Blacken(&image, OutsideEllipse);
     return PngBytes(image);
+  });
+}
+
+void BlackMasks(const std::string& scene) {
+  EncodeImages(scene, kAllImages, ".png", [](ByteImage rgb) {
+    Blacken(&rgb, OutsideEllipse);
+    return PngBytes(rgb);
   });
 }
 
@@ -195,7 +204,7 @@ void BlackRims(const std::string& scene) {
 void LargePhotograph(const std::string& scene, int width_px) {
   const int height_px = width_px * 3 / 4;
   EditJpeg(ImagePath(scene, 0),
-           [](const cv::Mat& image) {
+           [&](const cv::Mat& image) {
              cv::Mat large;
              cv::resize(image, large, {width_px, height_px}, 0, 0, cv::INTER_LINEAR);
              return large;

@@ -54,6 +54,7 @@ void ZeroBytes(const std::string& scene);                      // north_00_000.j
 void DamagedInside(const std::string& scene);                  // 4 KiB of zeros in every third JPEG
 void GreyProgressivePalette(const std::string& scene);         // five photographs in other forms
 void TransparentMasks(const std::string& scene);               // PNG, transparent outside an ellipse
+void BlackMasks(const std::string& scene);                     // the same without transparency
 void BlackRims(const std::string& scene);                      // of an undistortion
 void LargePhotograph(const std::string& scene, int width_px);  // one of this width, with its camera
 void HundredMegapixels(const std::string& scene);              // one of 11648 x 8736 pixels
