@@ -15,8 +15,6 @@
 
 namespace tessera {
 
-struct PixelContent;
-
 // How the view's image below `folder` is read.
 PhotographOptions OptionsOf(const std::string& folder, const SceneView& view);
 
@@ -39,8 +37,5 @@ std::vector<Status> FitLenses(const std::vector<std::optional<ImageHeader>>& hea
 // of its flight get at least that. Images that cannot be read are left to the caller. CANCELLED.
 Status ChooseWhiteLevels(const std::vector<uint8_t>& is_read, const TaskControl& control, SceneDescription* scene,
                          Warnings* warnings);
-
-// Warnings: the share of pixels that masks and alpha channels exclude; images with equal pixels.
-void WarnOfContents(const SceneDescription& scene, const std::vector<PixelContent>& contents, Warnings* warnings);
 
 }  // namespace tessera

@@ -128,6 +128,14 @@ SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOpt
 // content, with mesh_path.
 StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m, Warnings* warnings = nullptr);
 
+// INVALID_ARGUMENT if 32-bit floats round coordinates of size `largest_m` by more than gsd_m / 100.
+Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double gsd_m);
+
+// INVALID_ARGUMENT unless `label`, of a face of the scene's mesh at `mesh_path`, is a class of the scene or -1.
+// `label_property`: name of the property in the file.
+Status CheckFaceLabel(const SceneDescription& scene, const std::string& mesh_path, size_t face, int32_t label,
+                      const std::string& label_property);
+
 // How the labels of the mesh at `path` are found: as scene.json says if it is the scene's mesh, else by name.
 std::optional<std::string> LabelPropertyOf(const SceneDescription& scene, const std::string& path);
 

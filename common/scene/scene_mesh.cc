@@ -8,7 +8,6 @@
 #include "common/base/parallel.h"
 #include "common/base/printable.h"
 #include "common/meshio/mesh_format.h"
-#include "common/scene/check.h"
 #include "common/scene/scene.h"
 
 namespace tessera {

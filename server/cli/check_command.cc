@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_format.h"
 #include "common/base/machine_limits.h"
-#include "common/scene/check.h"
+#include "common/check/check.h"
 #include "common/storage/files.h"
 #include "server/admission/scene_reader.h"
 #include "server/cli/command_line.h"

@@ -16,7 +16,7 @@
 #include "common/classify/classify_report.h"
 #include "common/classify/classify_scene.h"
 #include "common/classify/training.h"
-#include "common/scene/check.h"
+#include "common/check/check.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "common/scene/scene_json.h"

@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/meshio/mesh_format.h"
-#include "common/scene/check.h"
+#include "common/scene/scene.h"
 #include "worker/city/local_grid.h"
 
 namespace tessera {

@@ -11,7 +11,7 @@
 
 #include "common/base/parallel.h"
 #include "common/geometry/ray_caster.h"
-#include "common/scene/patch_match.h"
+#include "common/check/patch_match.h"
 #include "worker/photo/texels.h"
 
 namespace tessera {

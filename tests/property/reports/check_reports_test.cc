@@ -12,7 +12,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_join.h"
 #include "common/classify/annotations.h"
-#include "common/scene/check.h"
+#include "common/check/check.h"
 #include "common/scene/scene.h"
 #include "tests/property/reports/report_cases.h"
 #include "tests/support/tiny_scene.h"

@@ -6,7 +6,7 @@
 #include <string>
 #include <utility>
 
-#include "common/scene/check.h"
+#include "common/check/check.h"
 #include "common/scene/scene.h"
 #include "tests/support/bent_meshes.h"
 #include "tests/support/tiny_scene.h"

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <filesystem>
 
-#include "common/scene/check.h"
+#include "common/check/check.h"
 #include "common/scene/scene.h"
 #include "tests/support/tiny_scene.h"
 

@@ -12,7 +12,7 @@
 #include "absl/strings/str_split.h"
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
-#include "common/scene/check.h"
+#include "common/check/check.h"
 #include "tests/support/quad_mesh.h"
 #include "tests/support/tiny_scene.h"
 

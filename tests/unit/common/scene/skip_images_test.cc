@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <limits>
 
-#include "common/scene/check.h"
+#include "common/check/check.h"
 #include "common/scene/skip_images.h"
 #include "common/storage/files.h"
 #include "tests/support/tiny_scene.h"

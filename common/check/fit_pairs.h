@@ -11,8 +11,8 @@
 #include "common/base/task_control.h"
 #include "common/geometry/mesh.h"
 #include "common/geometry/ray_caster.h"
-#include "common/scene/fit.h"
-#include "common/scene/patch_match.h"
+#include "common/check/fit.h"
+#include "common/check/patch_match.h"
 #include "common/scene/scene.h"
 
 namespace tessera {

@@ -1,5 +1,5 @@
 // Likelihoods that say nothing, or contradict labels, slopes or the up direction.
-#include "common/scene/label_findings.h"
+#include "common/check/label_findings.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/imaging/image_io.h"
-#include "common/scene/check.h"
+#include "common/check/check.h"
 #include "tests/support/tiny_scene.h"
 
 namespace tessera {

@@ -1,4 +1,4 @@
-#include "common/scene/fit.h"
+#include "common/check/fit.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -10,8 +10,8 @@
 
 #include "common/base/parallel.h"
 #include "common/geometry/ray_caster.h"
-#include "common/scene/fit_pairs.h"
-#include "common/scene/patch_match.h"
+#include "common/check/fit_pairs.h"
+#include "common/check/patch_match.h"
 
 namespace tessera {
 namespace {

@@ -7,9 +7,9 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "common/scene/fit.h"
-#include "common/scene/fit_readings.h"
-#include "common/scene/tie_points.h"
+#include "common/check/fit.h"
+#include "common/check/fit_readings.h"
+#include "common/check/tie_points.h"
 
 namespace tessera {
 

@@ -1,4 +1,4 @@
-#include "common/scene/tie_points.h"
+#include "common/check/tie_points.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "common/scene/label_findings.h"
+#include "common/check/label_findings.h"
 
 #include <algorithm>
 #include <cmath>

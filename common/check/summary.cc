@@ -4,8 +4,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
-#include "common/scene/check.h"
-#include "common/scene/fit_findings.h"
+#include "common/check/check.h"
+#include "common/check/fit_findings.h"
 
 namespace tessera {
 namespace {

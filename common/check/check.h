@@ -9,27 +9,15 @@
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/imaging/border_trust.h"
-#include "common/scene/coverage.h"
-#include "common/scene/fit.h"
-#include "common/scene/fit_findings.h"
-#include "common/scene/label_findings.h"
+#include "common/check/coverage.h"
+#include "common/check/fit.h"
+#include "common/check/fit_findings.h"
+#include "common/check/label_findings.h"
+#include "common/check/pixel_content.h"
 #include "common/scene/scene.h"
-#include "common/scene/tie_points.h"
+#include "common/check/tie_points.h"
 
 namespace tessera {
-
-// XXH3-128 hashes of a view's decoded files; empty if it has no such file.
-struct PixelContent {
-  std::string image, likelihood;
-  double masked_share = 0;  // of the photograph's pixels
-};
-
-// Decodes the view's image and its likelihoods of `classes` classes, below `folder`. INVALID_ARGUMENT lists the errors
-// of both. `borders` (for `classes` classes; may be null) receives the view's border counts, `digest` (may be null) that
-// of its likelihoods. `broken` (may be null) receives an error of the image instead; then the content is empty.
-StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
-                                        BorderCounts* borders = nullptr, LikelihoodDigest* digest = nullptr,
-                                        Status* broken = nullptr);
 
 struct SceneSummary {
   struct SizeCount {
@@ -88,14 +76,6 @@ StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOption
 
 // The summary of CheckScene, with a mesh of any size and default options.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);
-
-// INVALID_ARGUMENT if 32-bit floats round coordinates of size `largest_m` by more than gsd_m / 100.
-Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double gsd_m);
-
-// INVALID_ARGUMENT unless `label`, of a face of the scene's mesh at `mesh_path`, is a class of the scene or -1.
-// `label_property`: name of the property in the file.
-Status CheckFaceLabel(const SceneDescription& scene, const std::string& mesh_path, size_t face, int32_t label,
-                      const std::string& label_property);
 
 // The summary as a table, and as JSON with units in the keys. Of a refused scene: its errors and warnings.
 std::string SummaryToText(const SceneSummary& summary);

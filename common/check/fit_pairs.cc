@@ -1,4 +1,4 @@
-#include "common/scene/fit_pairs.h"
+#include "common/check/fit_pairs.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "common/scene/patch_match.h"
+#include "common/check/patch_match.h"
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>

@@ -1,4 +1,4 @@
-#include "common/scene/coverage.h"
+#include "common/check/coverage.h"
 
 #include <algorithm>
 #include <atomic>

@@ -1,5 +1,5 @@
 // What the fit of images, the 3D points and their table say.
-#include "common/scene/fit.h"
+#include "common/check/fit.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "common/colmap/calibrated_images.h"
-#include "common/scene/fit_findings.h"
-#include "common/scene/tie_points.h"
+#include "common/check/fit_findings.h"
+#include "common/check/tie_points.h"
 #include "tests/support/tiny_scene.h"
 
 namespace tessera {

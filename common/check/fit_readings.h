@@ -6,7 +6,7 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "common/scene/fit.h"
+#include "common/check/fit.h"
 #include "common/scene/scene.h"
 
 namespace tessera {

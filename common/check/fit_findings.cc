@@ -1,4 +1,4 @@
-#include "common/scene/fit_findings.h"
+#include "common/check/fit_findings.h"
 
 #include <algorithm>
 #include <cmath>

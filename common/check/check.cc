@@ -1,4 +1,4 @@
-#include "common/scene/check.h"
+#include "common/check/check.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -15,12 +15,12 @@
 #include "common/colmap/colmap.h"
 #include "common/geometry/repair.h"
 #include "common/meshio/mesh_format.h"
-#include "common/scene/coverage.h"
-#include "common/scene/fit_findings.h"
+#include "common/check/coverage.h"
+#include "common/check/fit_findings.h"
 #include "common/scene/photographs.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/skip_images.h"
-#include "common/scene/tie_points.h"
+#include "common/check/tie_points.h"
 
 namespace tessera {
 namespace {

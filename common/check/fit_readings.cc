@@ -1,4 +1,4 @@
-#include "common/scene/fit_readings.h"
+#include "common/check/fit_readings.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -13,7 +13,7 @@
 #include "absl/strings/str_format.h"
 #include "common/base/parallel.h"
 #include "common/geometry/ray_caster.h"
-#include "common/scene/fit_pairs.h"
+#include "common/check/fit_pairs.h"
 
 namespace tessera {
 namespace {

@@ -1,5 +1,5 @@
 // The fit of images, poses and mesh: what each mistake of an export does to it, and what its user is told.
-#include "common/scene/fit.h"
+#include "common/check/fit.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,8 +7,8 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "common/scene/fit_findings.h"
-#include "common/scene/patch_match.h"
+#include "common/check/fit_findings.h"
+#include "common/check/patch_match.h"
 #include "tests/support/tiny_scene.h"
 
 namespace tessera {
