@@ -170,7 +170,7 @@ TEST(AnnotationsOfReports, AreReadOrRefused) {
   const Form forms[] = {{"ids", {}},
                         {"colours", {}},
                         {"palette", {}},
-                        {"double-suffix", {}},
+                        {"double-suffix", {}},  // not yet
                         {"jpeg-colours", {"colour", "nadir_00_001"}},
                         {"antialiased", {"colour", "nadir_00_001"}},
                         {"half-size", {"200 x 150", "400 x 300"}}};
