@@ -55,11 +55,11 @@ StatusOr<NpyArray> ArrangeNpy(const NpyArray& array, int classes, const PinholeC
                       "shape (classes, height, width) or (height, width, classes), or whole numbers (class ids)");
   }
   const NpyArray last = ChannelsLast(array);
-  const auto fits = [&](const NpyArray& a) { return a.channels == classes && HasSizeOf(a.width, a.height, camera); };
-  const bool is_last =
-      layout == LikelihoodForm::Layout::kByShape
-          ? !fits(array) && (fits(last) || (array.channels != classes && HasSizeOf(last.width, last.height, camera)))
-          : layout == LikelihoodForm::Layout::kClassesLast;
+  const auto has_size = [&](const NpyArray& a) { return HasSizeOf(a.width, a.height, camera); };
+  const auto fits = [&](const NpyArray& a) { return a.channels == classes && has_size(a); };
+  const bool is_last = layout == LikelihoodForm::Layout::kByShape
+                           ? !fits(array) && (fits(last) || (!has_size(array) && has_size(last)))
+                           : layout == LikelihoodForm::Layout::kClassesLast;
   const NpyArray& arranged = is_last ? last : array;
   if (arranged.channels == classes) return arranged;
   return InputError(path, "header", absl::StrCat(arranged.channels, " classes"), absl::StrCat(classes));
