@@ -20,11 +20,11 @@ constexpr int64_t kVoteClusters = 1 << 18;
 
 struct Piece {
   uint32_t root = 0;
-  int64_t faces = 0, opposed = 0;  // opposed: to the root
-  int64_t stride = 1;              // between sampled faces
-  int64_t fronts = 0, backs = 0;   // votes for and against the orientation of the root
+  int64_t faces = 0, opposed = 0;           // opposed: to the root
+  int64_t stride = 1;                       // between sampled faces
+  int64_t fronts = 0, backs = 0;            // votes for and against the orientation of the root
   std::array<int32_t, 2> views = {-1, -1};  // two that see it
-  double area_px2 = 0;             // of the samples, at the best scale
+  double area_px2 = 0;                      // of the samples, at the best scale
 };
 
 struct Sample {
@@ -65,8 +65,8 @@ class Visibility {
       } else if (sample->views[1] < 0) {
         sample->views[1] = static_cast<int32_t>(v);
       }
-      sample->area_px2 = std::max(sample->area_px2, 0.5 * cross.norm() * views_[v].focal_product_px2 /
-                                                        (projected.z() * projected.z()));
+      sample->area_px2 = std::max(sample->area_px2,
+                                  0.5 * cross.norm() * views_[v].focal_product_px2 / (projected.z() * projected.z()));
     }
   }
 
@@ -158,9 +158,9 @@ StatusOr<FaceOrientation::Result> FaceOrientation::Decide(const MeshSpans& mesh,
   const auto piece_of = [&](uint32_t f) {
     const uint32_t root = links_[f] / 2;
     if (pieces[last].root != root) {
-      last = static_cast<size_t>(std::lower_bound(pieces.begin(), pieces.end(), root,
-                                                  [](const Piece& p, uint32_t r) { return p.root < r; }) -
-                                 pieces.begin());
+      last = static_cast<size_t>(
+          std::lower_bound(pieces.begin(), pieces.end(), root, [](const Piece& p, uint32_t r) { return p.root < r; }) -
+          pieces.begin());
     }
     return last;
   };

@@ -120,8 +120,8 @@ StatusOr<RepairedMesh> RepairMesh(const TriangleMesh& mesh, const RepairOptions&
   const auto start = [&](uint32_t corner) { return changed.faces[corner / 3][corner % 3]; };
   for (const auto& [a, b] : analysis.paired_edges) orientation.Join(a / 3, b / 3, start(a) == start(b));
   const std::vector<uint64_t> open_edges(analysis.open_edges.begin(), analysis.open_edges.end());
-  TESSERA_ASSIGN_OR_RETURN(const bool is_changed, WeldAndTurn(options, changed.vertices, open_edges, &orientation,
-                                                              changed.faces, &before));
+  TESSERA_ASSIGN_OR_RETURN(const bool is_changed,
+                           WeldAndTurn(options, changed.vertices, open_edges, &orientation, changed.faces, &before));
   if (is_changed) {
     TESSERA_ASSIGN_OR_RETURN(analysis, AnalyseMesh(changed, stray));
   }
@@ -154,8 +154,9 @@ StatusOr<bool> WeldAndTurn(const RepairOptions& options, std::span<const Eigen::
   const MeshSpans mesh = Spans(vertices, faces);
   std::vector<CoincidentEdges> edges = FindCoincidentEdges(mesh, open_edges);
   for (const CoincidentEdges& e : edges) orientation->Join(e.faces[0], e.faces[1], e.same_direction);
-  TESSERA_ASSIGN_OR_RETURN(const FaceOrientation::Result decided,
-                           orientation->Decide(mesh, options.views, options.scratch_folder, options.max_faces_for_rays));
+  TESSERA_ASSIGN_OR_RETURN(
+      const FaceOrientation::Result decided,
+      orientation->Decide(mesh, options.views, options.scratch_folder, options.max_faces_for_rays));
   std::erase_if(edges, [&](const CoincidentEdges& e) {
     return (orientation->IsTurned(e.faces[0]) != orientation->IsTurned(e.faces[1])) != e.same_direction;
   });

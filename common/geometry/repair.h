@@ -34,9 +34,9 @@ StatusOr<RepairedMesh> CutMesh(const TriangleMesh& mesh, Warnings* warnings);
 struct RepairOptions {
   std::vector<Viewpoint> views;  // empty: no vertex is stray, and faces are only turned to agree
   Eigen::Vector3d file_origin = Eigen::Vector3d::Zero();  // (0, 0, 0) of the mesh's file, in the mesh's frame
-  size_t max_faces_for_rays = 4 << 20;  // in larger meshes, occlusion is tested with a coarse mesh
-  std::string scratch_folder = {};      // for these
-  std::string file = {};                // for errors; may be empty
+  size_t max_faces_for_rays = 4 << 20;                    // in larger meshes, occlusion is tested with a coarse mesh
+  std::string scratch_folder = {};                        // for these
+  std::string file = {};                                  // for errors; may be empty
 };
 
 // CutMesh after these repairs, in this order:

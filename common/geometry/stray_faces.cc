@@ -25,8 +25,7 @@ double Extent(const MeshSpans& mesh, const Eigen::AlignedBox3d& box) {
 
 }  // namespace
 
-StrayFaces FindStrayFaces(const MeshSpans& mesh, std::span<const Viewpoint> views,
-                          const Eigen::Vector3d& file_origin) {
+StrayFaces FindStrayFaces(const MeshSpans& mesh, std::span<const Viewpoint> views, const Eigen::Vector3d& file_origin) {
   StrayFaces out;
   if (views.empty() || mesh.faces.empty()) return out;
   const Eigen::AlignedBox3d box = BoxOfCentres(views);
@@ -66,8 +65,8 @@ StrayFaces FindStrayFaces(const MeshSpans& mesh, std::span<const Viewpoint> view
   return out;
 }
 
-void CollapseStrayFaces(const StrayFaces& stray, std::span<const Viewpoint> views,
-                        std::span<Eigen::Vector3d> vertices, std::span<Triangle> faces) {
+void CollapseStrayFaces(const StrayFaces& stray, std::span<const Viewpoint> views, std::span<Eigen::Vector3d> vertices,
+                        std::span<Triangle> faces) {
   for (const uint32_t f : stray.faces) {
     uint32_t kept = faces[f][0];
     for (const uint32_t v : faces[f]) {

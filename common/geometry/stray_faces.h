@@ -26,7 +26,7 @@ StrayFaces FindStrayFaces(const MeshSpans& mesh, std::span<const Viewpoint> view
 
 // Collapses the faces to one of their stray vertices, and moves these into the box of the views' centres, so that no
 // later step depends on them. The caller removes the faces.
-void CollapseStrayFaces(const StrayFaces& stray, std::span<const Viewpoint> views,
-                        std::span<Eigen::Vector3d> vertices, std::span<Triangle> faces);
+void CollapseStrayFaces(const StrayFaces& stray, std::span<const Viewpoint> views, std::span<Eigen::Vector3d> vertices,
+                        std::span<Triangle> faces);
 
 }  // namespace tessera

@@ -201,8 +201,7 @@ StatusOr<RepairPlan> AnalyseParts(const MeshSpans& spans, size_t size, std::span
   RepairPlan plan;
   for (size_t p = 0; p < parts; ++p) {
     const Part part(spans, p * size, std::min((p + 1) * size, spans.vertices.size()),
-                    std::span<const uint32_t>(faces_of.values()).subspan(ends[p], ends[p + 1] - ends[p]),
-                    dropped);
+                    std::span<const uint32_t>(faces_of.values()).subspan(ends[p], ends[p + 1] - ends[p]), dropped);
     TESSERA_RETURN_IF_ERROR(part.Analyse(&plan, edges, defects));
   }
   return plan;
