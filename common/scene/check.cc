@@ -143,7 +143,7 @@ class SceneChecker {
     control_.Report(0.75, "visibility");
     TESSERA_ASSIGN_OR_RETURN(const Coverage coverage,
                              MeasureCoverage(scene_, repaired->mesh, kMaxSampledFaces, control_));
-    TESSERA_ASSIGN_OR_RETURN(const bool has_reading, CheckFit(repaired->mesh));
+    TESSERA_ASSIGN_OR_RETURN(const bool has_reading, CheckFit(repaired->mesh, AllViewsSee(coverage)));
     if (!has_reading) AddVisibilityFaults(scene_, coverage, &faults_);  // else they follow from the reading
     summary_.faces_tried = coverage.faces_tried;
     summary_.unseen_share = static_cast<double>(coverage.unseen) / static_cast<double>(coverage.faces_tried);
@@ -153,12 +153,13 @@ class SceneChecker {
   }
 
   // Whether images, poses and mesh belong together; if not, what would make them. True if a reading explains it.
-  StatusOr<bool> CheckFit(const TriangleMesh& mesh) {
+  StatusOr<bool> CheckFit(const TriangleMesh& mesh, bool all_views_see) {
     if (!faults_.messages().empty()) return false;
     control_.Report(0.85, "fit of images and mesh");
     TaskControl silent = control_;
     silent.report = {};
-    TESSERA_ASSIGN_OR_RETURN(JudgedFit judged, tessera::CheckFit(scene_, mesh, summary_.gsd_m, silent, &warnings_));
+    TESSERA_ASSIGN_OR_RETURN(JudgedFit judged,
+                             tessera::CheckFit(scene_, mesh, summary_.gsd_m, all_views_see, silent, &warnings_));
     faults_.Add(judged.fault);
     summary_.fit = std::move(judged.fit);
     return judged.has_reading;
