@@ -175,7 +175,7 @@ class SceneChecker {
     control_.Report(0.75, "visibility");
     TESSERA_ASSIGN_OR_RETURN(const Coverage coverage,
                              MeasureCoverage(scene_, repaired->mesh, kMaxSampledFaces, control_));
-    TESSERA_ASSIGN_OR_RETURN(const bool has_reading, CheckFit(repaired->mesh));
+    TESSERA_ASSIGN_OR_RETURN(const bool has_reading, CheckFit(repaired->mesh, AllViewsSee(coverage)));
     if (faults_.empty() && scene_.classes.size() > 1) {
       WarnOfLabels(scene_, repaired->mesh, digests_, has_up_, &warnings_);
     }
@@ -188,12 +188,13 @@ class SceneChecker {
   }
 
   // Whether images, poses and mesh belong together; if not, what would make them. True if a reading explains it.
-  StatusOr<bool> CheckFit(const TriangleMesh& mesh) {
+  StatusOr<bool> CheckFit(const TriangleMesh& mesh, bool all_views_see) {
     if (!faults_.messages().empty()) return false;
     control_.Report(0.85, "fit of images and mesh");
     TaskControl silent = control_;
     silent.report = {};
-    TESSERA_ASSIGN_OR_RETURN(JudgedFit judged, tessera::CheckFit(scene_, mesh, summary_.gsd_m, silent, &warnings_));
+    TESSERA_ASSIGN_OR_RETURN(JudgedFit judged,
+                             tessera::CheckFit(scene_, mesh, summary_.gsd_m, all_views_see, silent, &warnings_));
     AddFitFault(judged, load_.anyway, &faults_, &warnings_);
     summary_.fit = std::move(judged.fit);
     return judged.has_reading;

@@ -1,6 +1,7 @@
 // Visibility of a mesh in the views of a scene.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -24,6 +25,12 @@ struct Coverage {
 // n-th). The result does not depend on the number of threads.
 StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const TriangleMesh& mesh, int64_t largest_sample,
                                    const TaskControl& control);
+
+// Whether each view sees the front of the mesh.
+inline bool AllViewsSee(const Coverage& coverage) {
+  return std::count(coverage.views.begin(), coverage.views.end(), ViewVisibility::kGood) ==
+         static_cast<int64_t>(coverage.views.size());
+}
 
 // Adds an error for each view that sees no face, or mostly backs of faces, of the scene's mesh. If almost all views see
 // backs, one error for all.

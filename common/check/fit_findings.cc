@@ -125,13 +125,13 @@ std::string FitText(const SceneFit& fit) {
                          100 * fit.all.above_chance, fit.all.patches, fit.all.across_px, fit.all.along_px);
 }
 
-StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m,
+StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m, bool all_views_see,
                              const TaskControl& control, Warnings* warnings) {
   JudgedFit judged;
   TESSERA_ASSIGN_OR_RETURN(judged.fit, MeasureFit(scene, surface, FitOptions(), control));
   Reading reading;
-  if (NeedsReading(judged.fit, gsd_m)) {
-    TESSERA_ASSIGN_OR_RETURN(reading, FindReading(scene, surface, judged.fit, gsd_m, control));
+  if (!all_views_see || NeedsReading(judged.fit, gsd_m)) {
+    TESSERA_ASSIGN_OR_RETURN(reading, FindReading(scene, surface, judged.fit, gsd_m, all_views_see, control));
   }
   judged.fault = JudgeFit(scene, judged.fit, reading, gsd_m, warnings);
   judged.has_reading = !reading.fault.empty();

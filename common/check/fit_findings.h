@@ -27,8 +27,9 @@ struct JudgedFit {
   bool has_reading = false;  // that explains what is wrong
 };
 
-// MeasureFit, FindReading if needed, and JudgeFit. `gsd_m`: 0 if no camera sees the mesh.
-StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m,
+// MeasureFit, FindReading if needed, and JudgeFit. `gsd_m`: 0 if no camera sees the mesh. `all_views_see`: as
+// in FindReading.
+StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m, bool all_views_see,
                              const TaskControl& control, Warnings* warnings);
 
 // Adds the fault to `faults`, with the option that makes it a warning; `anyway`: to `warnings`.

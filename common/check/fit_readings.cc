@@ -22,7 +22,10 @@ constexpr double kFoot_m = 0.3048;
 constexpr double kFits_px = 0.75;  // median offsets under a right reading
 // Enough to tell a fit from chance.
 constexpr FitOptions kSmall = {.pairs = 16, .patches = 60};
-constexpr FitOptions kOfShift = {.pairs = 24, .patches = 150};
+// With fewer patches, only a small part of the surface matches, such as walls, which many readings leave in their
+// planes.
+constexpr int64_t kLeastPatchesOfReading = kSmall.pairs * kSmall.patches / 4;
+constexpr FitOptions kOfShift = {.pairs = 40, .patches = 300};
 constexpr int64_t kSmallImage = 1'500'000, kKeptImages = 48;
 // A shift is searched from this far above and below, and then around the best place, with halved steps.
 constexpr double kHighestShift_m = 60, kFirstStep_m = 4, kLastStep_m = 0.2;
@@ -297,24 +300,36 @@ class Trials {
 }  // namespace
 
 StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
-                              double gsd_m, const TaskControl& control) {
+                              double gsd_m, bool all_views_see, const TaskControl& control) {
   Trials trials(scene, surface);
   Reading best;
-  const double least = std::max(2 * fit.all.above_chance, kBadFit);
-  const bool fits = 2 * fit.all.above_chance > 1;  // nothing is twice as good
-  best.above_chance = least;
-  for (const Candidate& candidate : fits ? std::vector<Candidate>() : Candidates(scene)) {
-    SceneDescription corrected = scene;
-    candidate.correct(&corrected);
-    TESSERA_ASSIGN_OR_RETURN(const SceneFit found, trials.Fit(corrected, candidate.inwards, control));
-    if (found.all.patches < 100 || found.all.above_chance <= best.above_chance) continue;
-    // A wrong reading may match flat ground, but not where the mesh puts it.
-    if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px)) continue;
-    best = {candidate.fault, found.all.above_chance, Eigen::Vector3d::Zero()};
-  }
-  if (!best.fault.empty()) return best;
   best.above_chance = fit.all.above_chance;
-  TESSERA_RETURN_IF_ERROR(trials.FindShift(gsd_m, !fits, control, &best));
+  // Patches that match count, not their share: a wrong reading may have few patches that match well.
+  const auto matching = [](const SceneFit& found) {
+    return found.all.above_chance * static_cast<double>(found.all.patches);
+  };
+  const bool fits = fit.all.above_chance >= kBadFit && all_views_see;
+  if (!fits) {
+    TESSERA_ASSIGN_OR_RETURN(const SceneFit as_is, trials.Fit(scene, false, control));
+    double most = 2 * matching(as_is);
+    for (const Candidate& candidate : Candidates(scene)) {
+      SceneDescription corrected = scene;
+      candidate.correct(&corrected);
+      TESSERA_ASSIGN_OR_RETURN(const SceneFit found, trials.Fit(corrected, candidate.inwards, control));
+      if (found.all.patches < kLeastPatchesOfReading || found.all.above_chance < kBadFit) continue;
+      // A wrong reading may match flat ground, but not where the mesh puts it.
+      if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px)) continue;
+      if (matching(found) <= most) continue;
+      most = matching(found);
+      best = {candidate.fault, found.all.above_chance, Eigen::Vector3d::Zero()};
+    }
+  }
+  Reading moved;
+  moved.above_chance = fit.all.above_chance;
+  TESSERA_RETURN_IF_ERROR(trials.FindShift(gsd_m, !fits, control, &moved));
+  const double least = std::max({2 * fit.all.above_chance, kBadFit, best.fault.empty() ? 0 : best.above_chance});
+  if (!best.fault.empty() && moved.above_chance <= least) return best;
+  best = moved;
   if (!fits && best.above_chance > least) {
     const Eigen::Vector3d shift_m = scene.frame.rotation_local_from_scene().transpose() * best.mesh_shift_m;
     best.fault = absl::StrFormat("the mesh has another offset: move it by (%.1f, %.1f, %.1f) m", shift_m.x(),

@@ -19,11 +19,12 @@ struct Reading {
   Eigen::Vector3d mesh_shift_m = Eigen::Vector3d::Zero();
 };
 
-// The reading under which most patches correlate, if it is at least twice as good as `fit` and fits at all: another
+// The reading under which most patches correlate, if they are at least twice as many and it fits at all: another
 // unit or other axes of the mesh, its faces oriented inwards, an offset of the mesh, poses that are camera-to-world, of
 // OpenGL, or with quaternions in another order, a principal point that is missing, photographs that are turned. `gsd_m`
-// may be 0 if no camera sees the mesh. Costs about as much as a MeasureFit of each image of a large scene.
+// may be 0 if no camera sees the mesh. `all_views_see`: each view sees the front of the mesh; then only a shift is
+// searched if `fit` is not bad. Costs about as much as a MeasureFit of each image of a large scene.
 StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
-                              double gsd_m, const TaskControl& control);
+                              double gsd_m, bool all_views_see, const TaskControl& control);
 
 }  // namespace tessera

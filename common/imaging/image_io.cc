@@ -247,9 +247,9 @@ StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
   return PlanesOf(mat);
 }
 
-StatusOr<PngPixels> DecodePng(const std::string& path, const Bytes& bytes) {
+StatusOr<PngPixels> DecodePngPixels(const std::string& path, const Bytes& bytes) {
   if (!IsPng(bytes)) return InputError(path, "byte 0", "no PNG signature", "a PNG image");
-  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_UNCHANGED));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt));
   const int channels = mat.channels();
   const bool wide = mat.depth() == CV_16U;
   if ((mat.depth() != CV_8U && !wide) || (channels != 1 && channels != 3 && channels != 4)) {

@@ -84,7 +84,7 @@ struct PngPixels {
 };
 
 // The pixels of the PNG in `bytes`, of 8 or 16 bits; palettes become RGB. `path` is for messages.
-StatusOr<PngPixels> DecodePng(const std::string& path, const std::vector<uint8_t>& bytes);
+StatusOr<PngPixels> DecodePngPixels(const std::string& path, const std::vector<uint8_t>& bytes);
 
 // Writers replace files atomically (temporary file, then rename).
 Status WritePng(const std::string& path, const ByteImage& image);  // 1 or 3 (RGB) channels

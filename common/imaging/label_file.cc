@@ -122,7 +122,7 @@ StatusOr<StoredLabels> ReadLabelPng(const std::string& path) {
     labels.palette = std::move(split.palette);
     if (labels.palette.empty()) return InputError(path, "", "no palette", "the palette of a PNG of that type");
   }
-  TESSERA_ASSIGN_OR_RETURN(PngPixels pixels, DecodePng(path, bytes));
+  TESSERA_ASSIGN_OR_RETURN(PngPixels pixels, DecodePngPixels(path, bytes));
   labels.is_color = pixels.is_color;
   // Levels of fewer than 8 bits are decoded with 255 as the largest.
   const uint32_t step = depth == 1 ? 255 : depth == 2 ? 85 : depth == 4 ? 17 : 1;

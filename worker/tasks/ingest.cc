@@ -91,8 +91,8 @@ Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const
   if (faults.empty()) {
     TaskControl silent = control;
     silent.report = {};
-    TESSERA_ASSIGN_OR_RETURN(const JudgedFit judged,
-                             CheckFit(scene, {mesh.spans(), coarse.mesh, coarse.error_m}, gsd_m, silent, warnings));
+    TESSERA_ASSIGN_OR_RETURN(const JudgedFit judged, CheckFit(scene, {mesh.spans(), coarse.mesh, coarse.error_m}, gsd_m,
+                                                              AllViewsSee(coverage), silent, warnings));
     AddFitFault(judged, anyway, &faults, warnings);
     *fit = FitTableToJson(MakeFitTable(scene, judged.fit, nullptr), kReportedImages);
     if (judged.has_reading) return faults.ToStatus();

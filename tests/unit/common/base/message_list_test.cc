@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "absl/strings/str_cat.h"
+
 #include <algorithm>
 
 #include "common/base/status.h"
@@ -16,8 +18,8 @@ using testing::HasSubstr;
 using testing::SizeIs;
 
 Status FaultOfImage(int i) {
-  const std::string name = "a" + std::to_string(i) + ".jpg";
-  return InputError("images/" + name, "", "no such file", "image '" + name + "' of the model");
+  const std::string name = absl::StrCat("a", i, ".jpg");
+  return InputError(absl::StrCat("images/", name), "", "no such file", absl::StrCat("image '", name, "' of the model"));
 }
 
 TEST(MessageListTest, ShortListsStay) {

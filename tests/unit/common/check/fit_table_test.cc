@@ -37,7 +37,7 @@ class ChangedSceneTest : public testing::Test {
   // What a user is told of the fit.
   std::string ToldOfFit() {
     Warnings warnings;
-    const StatusOr<JudgedFit> judged = CheckFit(scene_, mesh_, gsd_m_, {}, &warnings);
+    const StatusOr<JudgedFit> judged = CheckFit(scene_, mesh_, gsd_m_, true, {}, &warnings);
     EXPECT_TRUE(judged.ok()) << judged.status();
     std::string text = judged.ok() ? std::string(judged->fault.message()) : "";
     for (const std::string& warning : warnings) text += "\n" + warning;

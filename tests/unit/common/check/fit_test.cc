@@ -120,7 +120,7 @@ class FitTest : public testing::Test {
   // What the user is told of the fit.
   std::string Told(const SceneFit& fit) {
     Reading reading;
-    if (NeedsReading(fit, gsd_m_)) reading = *FindReading(scene_, mesh_, fit, {});
+    if (NeedsReading(fit, gsd_m_)) reading = *FindReading(scene_, mesh_, fit, gsd_m_, true, {});
     Warnings warnings;
     const Status status = JudgeFit(scene_, fit, reading, gsd_m_, &warnings);
     std::string text(status.message());
