@@ -30,7 +30,8 @@ int WhiteLevelOf(int highest) {
   return kFullRange;
 }
 
-// The factor of the image's size to its camera's, with rounding of the sides; 1 if the sides have different ones, and for
+// The factor of the image's size to its camera's, with rounding of the sides; 1 if the sides have different ones, and
+// for
 // images of which a margin of a few pixels was cut.
 double FactorOf(const ImageSize& image, const PinholeCamera& camera) {
   const bool is_wide = camera.width >= camera.height;
@@ -150,8 +151,8 @@ std::vector<Status> FitLenses(const std::vector<std::optional<ImageHeader>>& hea
     const PinholeCamera& camera = scene->views[first_known].lens.pinhole;
     const ImageSize& size = headers[first_known]->size;
     warn(absl::StrFormat(
-        "all images have %.4g times the size of their cameras, such as '%s' with %d x %d instead of %d x %d pixels: the "
-        "intrinsics are scaled",
+        "all images have %.4g times the size of their cameras, such as '%s' with %d x %d instead of %d x %d pixels: "
+        "the intrinsics are scaled",
         factor, scene->views[first_known].name, size.width, size.height, camera.width, camera.height));
     for (size_t v = 0; v < headers.size(); ++v) {
       SceneView& view = scene->views[v];
@@ -233,13 +234,15 @@ void WarnOfContents(const SceneDescription& scene, const std::vector<PixelConten
     other_poses += other_pose;
   }
   if (masked > 0) {
-    warnings->push_back(absl::StrFormat("%d images have a mask or transparent pixels: %.1f %% of their pixels are not used",
+    warnings->push_back(absl::StrFormat("%d images have a mask or transparent pixels: %.1f %% of their pixels "
+                                        "are not used",
                                         masked, 100 * share / static_cast<double>(masked)));
   }
   if (copies > 0) {
     warnings->push_back(absl::StrCat(
         copies, copies == 1 ? " image has" : " images have", " the same pixels as another one, such as ", example, ": ",
-        other_poses > 0 ? absl::StrCat(other_poses, " of these pairs have different poses, of which one must be wrong; ")
+        other_poses > 0 ? absl::StrCat(other_poses, " of these pairs have different poses, of which one must be wrong"
+                                                  "; ")
                         : "",
         "remove the copies"));
   }
