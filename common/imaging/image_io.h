@@ -42,8 +42,7 @@ StatusOr<ByteImage> ReadRgb(const std::string& path, int white_level = 0);
 StatusOr<ByteImage> ReadMask(const std::string& path, const ImageSize& photograph);
 
 // The highest sample of a 16-bit image, alpha excluded, or its TIFF tag MaxSampleValue if that is higher. 0 for an
-// image
-// of 8 bits. Decodes 16-bit images.
+// image of 8 bits. Decodes 16-bit images.
 StatusOr<int> HighestSample(const std::string& path);
 
 // Likelihoods of `classes` classes, from one of three formats, detected from the content: multi-page TIFF (8/16 bit or

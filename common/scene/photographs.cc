@@ -31,8 +31,7 @@ int WhiteLevelOf(int highest) {
 }
 
 // The factor of the image's size to its camera's, with rounding of the sides; 1 if the sides have different ones, and
-// for
-// images of which a margin of a few pixels was cut.
+// for images of which a margin of a few pixels was cut.
 double FactorOf(const ImageSize& image, const PinholeCamera& camera) {
   const bool is_wide = camera.width >= camera.height;
   const double factor = is_wide ? static_cast<double>(image.width) / camera.width

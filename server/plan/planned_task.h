@@ -67,9 +67,8 @@ std::string ViewInputName(const PlannedTask::ViewFile& file);
 
 void SetCost(const Prediction& cost, PlannedTask* task);
 
-// Per view: its image, mask and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path
-// of a
-// missing one.
+// Per view: its image, mask and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of
+// a missing one.
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
                                                                        const std::vector<std::string>& files);
 
