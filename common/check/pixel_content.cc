@@ -50,7 +50,8 @@ void WarnOfContents(const SceneDescription& scene, const std::vector<PixelConten
     other_poses += other_pose;
   }
   if (masked > 0) {
-    warnings->push_back(absl::StrFormat("%d images have a mask or transparent pixels: %.1f %% of their pixels are not used",
+    warnings->push_back(absl::StrFormat("%d images have a mask or transparent pixels: %.1f %% of their pixels "
+                                        "are not used",
                                         masked, 100 * share / static_cast<double>(masked)));
   }
   if (copies > 0) {

@@ -38,7 +38,8 @@ class ViewClassifier {
   // Classifies with the evidence `first` and those after it.
   StatusOr<ViewResult> Classify(size_t view, Evidence first) const {
     const SceneView& scene_view = scene_.views[view];
-    TESSERA_ASSIGN_OR_RETURN(const ByteImage rgb, ReadRgb(scene_.folder + "/" + scene_view.image_path, scene_view.white_level));
+    TESSERA_ASSIGN_OR_RETURN(const ByteImage rgb,
+                             ReadRgb(scene_.folder + "/" + scene_view.image_path, scene_view.white_level));
     const ImageFeatures features(rgb, scene_view, scene_.up_in_local, surface_);
     const Annotation* annotation = nullptr;
     if (use_.annotations != nullptr) {

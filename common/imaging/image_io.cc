@@ -21,9 +21,9 @@ using Bytes = std::vector<uint8_t>;
 // Upper bound for all supported formats, except single-colour images in CCITT fax encoding.
 constexpr int64_t kMaxPixelsPerByte = 2048;
 
-// Decodes an image to 8 or 16 bits and 1 (grey), 3 (BGR) or 4 (BGRA) channels. Checks the header's size before decoding,
-// because a small file may claim gigabytes: it must equal `expected`, or, without `expected`, be plausible for the
-// length of the file.
+// Decodes an image to 8 or 16 bits and 1 (grey), 3 (BGR) or 4 (BGRA) channels. Checks the header's size before
+// decoding, because a small file may claim gigabytes: it must equal `expected`, or, without `expected`, be plausible
+// for the length of the file.
 StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std::optional<ImageSize>& expected) {
   TESSERA_ASSIGN_OR_RETURN(const ImageHeader header, HeaderOf(path, bytes));
   const ImageSize size = header.size;

@@ -42,8 +42,8 @@ StatusOr<ByteImage> ReadRgb(const std::string& path, int white_level = 0);
 // A mask for a photograph of the given size: 0 where it is black, else 255. INVALID_ARGUMENT for another aspect ratio.
 StatusOr<ByteImage> ReadMask(const std::string& path, const ImageSize& photograph);
 
-// The highest sample of a 16-bit image, alpha excluded, or its TIFF tag MaxSampleValue if that is higher. 0 for an image
-// of 8 bits. Decodes 16-bit images.
+// The highest sample of a 16-bit image, alpha excluded, or its TIFF tag MaxSampleValue if that is higher. 0 for an
+// image of 8 bits. Decodes 16-bit images.
 StatusOr<int> HighestSample(const std::string& path);
 
 // Likelihoods of `classes` classes, from one of these formats, detected from the content: multi-page TIFF (8/16 bit or

@@ -13,9 +13,9 @@ class Mat;
 
 namespace tessera {
 
-// Decodes the PNG image in `bytes`, the content of the file at `path`, to 8 or 16 bits and 1 (grey), 3 (BGR) or 4 (BGRA)
-// channels: palettes become colours, fewer than 8 bits become 8, grey with alpha and transparent colours become BGRA.
-// INVALID_ARGUMENT for a damaged image. The caller has checked the size in the header.
+// Decodes the PNG image in `bytes`, the content of the file at `path`, to 8 or 16 bits and 1 (grey), 3 (BGR) or 4
+// (BGRA) channels: palettes become colours, fewer than 8 bits become 8, grey with alpha and transparent colours become
+// BGRA. INVALID_ARGUMENT for a damaged image. The caller has checked the size in the header.
 Status DecodePng(const std::string& path, const std::vector<uint8_t>& bytes, cv::Mat* image);
 
 }  // namespace tessera

@@ -39,9 +39,9 @@ struct TiffPhotographHeader {
 };
 StatusOr<TiffPhotographHeader> ReadTiffPhotographHeader(const std::string& path);
 
-// Decodes the first page as stored, whatever its orientation, to 8 or 16 bits and 1 (grey), 3 (BGR) or 4 (BGRA) channels.
-// The fourth channel is alpha that the file declares; other additional bands are dropped. INVALID_ARGUMENT with what is
-// expected for other samples or more bands. The caller has checked the size in the header.
+// Decodes the first page as stored, whatever its orientation, to 8 or 16 bits and 1 (grey), 3 (BGR) or 4 (BGRA)
+// channels. The fourth channel is alpha that the file declares; other additional bands are dropped. INVALID_ARGUMENT
+// with what is expected for other samples or more bands. The caller has checked the size in the header.
 Status DecodeTiffPhotograph(const std::string& path, cv::Mat* image);
 
 // Encodes 8-bit pages with LZW, one page per channel.

@@ -28,8 +28,8 @@ int WhiteLevelOf(int highest) {
   return kFullRange;
 }
 
-// The factor of the image's size to its camera's, with rounding of the sides; 1 if the sides have different ones, and for
-// images of which a margin of a few pixels was cut.
+// The factor of the image's size to its camera's, with rounding of the sides; 1 if the sides have different ones, and
+// for images of which a margin of a few pixels was cut.
 double FactorOf(const ImageSize& image, const PinholeCamera& camera) {
   const bool is_wide = camera.width >= camera.height;
   const double factor = is_wide ? static_cast<double>(image.width) / camera.width
@@ -134,8 +134,8 @@ std::vector<Status> FitLenses(const std::vector<std::optional<ImageHeader>>& hea
     const PinholeCamera& camera = scene->views[first_known].lens.pinhole;
     const ImageSize& size = headers[first_known]->size;
     warn(absl::StrFormat(
-        "all images have %.4g times the size of their cameras, such as '%s' with %d x %d instead of %d x %d pixels: the "
-        "intrinsics are scaled",
+        "all images have %.4g times the size of their cameras, such as '%s' with %d x %d instead of %d x %d pixels: "
+        "the intrinsics are scaled",
         factor, scene->views[first_known].name, size.width, size.height, camera.width, camera.height));
     for (size_t v = 0; v < headers.size(); ++v) {
       SceneView& view = scene->views[v];

@@ -18,10 +18,10 @@ namespace tessera {
 // How the view's image below `folder` is read.
 PhotographOptions OptionsOf(const std::string& folder, const SceneView& view);
 
-// The files of masks, relative to the masks folder, per view; empty: none. `files`: all files of the folder, sorted. The
-// mask of "x/a.jpg" is "x/a.jpg.png", "x/a.mask.png" or "x/a.png"; the latter two only if no other image has this stem.
-// Adds to `faults`: several masks of an image, one for several images. Warns of files that belong to no image, and if
-// not all images have masks. `folder`: as messages name it.
+// The files of masks, relative to the masks folder, per view; empty: none. `files`: all files of the folder, sorted.
+// The mask of "x/a.jpg" is "x/a.jpg.png", "x/a.mask.png" or "x/a.png"; the latter two only if no other image has this
+// stem. Adds to `faults`: several masks of an image, one for several images. Warns of files that belong to no image,
+// and if not all images have masks. `folder`: as messages name it.
 std::vector<std::string> FindMaskFiles(const SceneDescription& scene, const std::vector<std::string>& files,
                                        const std::string& folder, Warnings* warnings, Faults* faults);
 
@@ -31,10 +31,10 @@ std::vector<std::string> FindMaskFiles(const SceneDescription& scene, const std:
 std::vector<Status> FitLenses(const std::vector<std::optional<ImageHeader>>& headers, const std::string& folder,
                               SceneDescription* scene, Warnings* warnings);
 
-// Sets white_level of the views with 16-bit images: of each flight, the largest number of 8, 10, 11, 12 or 14 bits if no
-// image of the flight has a higher sample (HighestSample); 0 for all others. Decodes 16-bit images until one has a higher
-// sample. Warns of what it sets. `is_read`: per view; false: the image is not there, its white_level is kept, and others
-// of its flight get at least that. Images that cannot be read are left to the caller. CANCELLED.
+// Sets white_level of the views with 16-bit images: of each flight, the largest number of 8, 10, 11, 12 or 14 bits if
+// no image of the flight has a higher sample (HighestSample); 0 for all others. Decodes 16-bit images until one has a
+// higher sample. Warns of what it sets. `is_read`: per view; false: the image is not there, its white_level is kept,
+// and others of its flight get at least that. Images that cannot be read are left to the caller. CANCELLED.
 Status ChooseWhiteLevels(const std::vector<uint8_t>& is_read, const TaskControl& control, SceneDescription* scene,
                          Warnings* warnings);
 

@@ -45,7 +45,8 @@ struct PlannedTask {
   // The scene's files that it reads, as ascending indices in the scene's sorted list (cities have millions). The task
   // finds each at its path below kSceneFolder.
   LazyValue<std::vector<int>> scene_files = {};
-  // Files of views, named ViewFileName or ViewMaskName. Not in the task's key, because other inputs contain their digests.
+  // Files of views, named ViewFileName or ViewMaskName. Not in the task's key, because other inputs contain their
+  // digests.
   struct ViewFile {
     int file = 0;  // index in the scene's list
     int32_t view = 0;
@@ -70,8 +71,8 @@ void SetCost(const Prediction& cost, PlannedTask* task);
 // task.
 std::vector<std::string> ViewNames(const Survey& survey);
 
-// Per view: its image, mask and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of a
-// missing one.
+// Per view: its image, mask and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of
+// a missing one.
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
                                                                        const std::vector<std::string>& files);
 

@@ -45,7 +45,7 @@ Status FillPhotographs(const std::map<std::string, const SceneView*>& known, con
     const auto of_base = known.find(view.image_path);
     if (of_base == known.end()) continue;
     if (!view.mask_path.empty()) {
-      return InputError(absl::StrCat(scene->folder, "/", view.mask_path), "", "a mask of an image without one in the base",
+      return InputError(absl::StrCat(scene->folder, "/", view.mask_path), "", "a mask of an image that had none",
                         "the masks of the base job for its images: remove it, or submit a new job");
     }
     is_read[v] = 0;

@@ -121,7 +121,8 @@ TEST(PhotographTest, HasThePixelsOfOpenCv) {
       for (int y = 0; y < kHigh; ++y) {
         for (int x = 0; x < kWide; ++x) {
           const bool wide = expected.depth() == CV_16U;
-          const cv::Vec3f bgr = wide ? cv::Vec3f(expected.at<cv::Vec3w>(y, x)) : cv::Vec3f(expected.at<cv::Vec3b>(y, x));
+          const cv::Vec3f bgr =
+              wide ? cv::Vec3f(expected.at<cv::Vec3w>(y, x)) : cv::Vec3f(expected.at<cv::Vec3b>(y, x));
           ASSERT_EQ(luminance.at(x, y), LuminanceOf(bgr[2], bgr[1], bgr[0], wide ? 65535 : 255)) << extension << type;
           for (int c = 0; c < 3; ++c) {
             ASSERT_EQ(rgb->at(x, y, c), expected_rgb.at<cv::Vec3b>(y, x)[2 - c]) << extension << type;

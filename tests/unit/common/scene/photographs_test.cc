@@ -86,7 +86,8 @@ TEST(ScenePhotographsTest, FindsMasksByTheirNames) {
   EXPECT_EQ(checked.summary->contents[2].masked_share, 0);
   EXPECT_NE(checked.summary->contents[0].image, before.summary->contents[0].image);
   EXPECT_EQ(checked.summary->contents[2].image, before.summary->contents[2].image);
-  EXPECT_THAT(checked.warnings, Contains(AllOf(HasSubstr("masks: 1 files belong to no image"), HasSubstr("veiw3.png"))));
+  EXPECT_THAT(checked.warnings,
+              Contains(AllOf(HasSubstr("masks: 1 files belong to no image"), HasSubstr("veiw3.png"))));
   EXPECT_THAT(checked.warnings, Contains(HasSubstr("masks: 3 of 5 images have a mask")));
   EXPECT_THAT(checked.warnings, Contains(HasSubstr("2 images have a mask or transparent pixels: 25.0 % of their")));
 }
@@ -121,8 +122,8 @@ TEST(ScenePhotographsTest, ScalesIntrinsicsIfAllImagesAreScaled) {
   }
   ASSERT_TRUE(WritePng(folder + "/" + full->views[0].image_path, halves[0]).ok());
   EXPECT_THAT(CheckFolder(folder).fault(),
-              HasSubstr("view0.png: found 80 x 60 pixels, expected 160 x 120 (the size of its camera): it has 0.5 times "
-                        "this size; scale all images by this factor, or none"));
+              HasSubstr("view0.png: found 80 x 60 pixels, expected 160 x 120 (the size of its camera): it has 0.5 "
+                        "times this size; scale all images by this factor, or none"));
   for (size_t v = 0; v < halves.size(); ++v) {
     ASSERT_TRUE(WritePng(folder + "/" + full->views[v].image_path, halves[v]).ok());
   }
@@ -191,7 +192,8 @@ TEST(ScenePhotographsTest, TellsOfOrientationTagsAndOfCopies) {
                              HasSubstr("as stored"))));
   fs::copy_file(folder + "/images/view1.png", folder + "/images/view2.png", fs::copy_options::overwrite_existing);
   EXPECT_THAT(CheckFolder(folder).warnings,
-              Contains(AllOf(HasSubstr("1 image has the same pixels as another one, such as 'view1.png' and 'view2.png'"),
+              Contains(AllOf(HasSubstr("1 image has the same pixels as another one, such as 'view1.png' "
+                                       "and 'view2.png'"),
                              HasSubstr("different poses, of which one must be wrong"))));
 }
 

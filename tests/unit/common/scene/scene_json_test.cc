@@ -48,7 +48,8 @@ TEST(SceneJsonTest, MinimalSceneUsesDefaults) {
 
 TEST(SceneJsonTest, EveryKeyIsRead) {
   const SceneFile file = Parse(R"({"tessera_scene": 1, "name": "a", "cameras": "c", "images": "i", "likelihoods": "l",
-    "masks": "k", "mesh": "m.ply", "classes": [{"name": "roof", "color": "#0a0B0c", "smoothness": 2, "anchor_weight": 0.5},
+    "masks": "k", "mesh": "m.ply",
+    "classes": [{"name": "roof", "color": "#0a0B0c", "smoothness": 2, "anchor_weight": 0.5},
     {"name": "water", "prior_alpha_deg": 10, "prior_beta_deg": 5}, "ground"],
     "crs": {"type": "enu", "lat_deg": 52.5, "lon_deg": 7, "height_m": 40}, "up": [0, 3, 4],
     "flights": [{"name": "spring", "date": "2026-05-14", "images": ["s*"]}, {"name": "rest"}]})");
