@@ -95,20 +95,6 @@ TEST_F(SkipImagesTest, OtherFaultsAreNotSkipped) {
   EXPECT_THAT(Refusal(0.9), AllOf(HasSubstr("likelihoods of image 'view1.png'"), Not(HasSubstr("--skip-images"))));
 }
 
-TEST_F(SkipImagesTest, AnywayTurnsABadFitIntoAWarning) {
-  fs::rename(Image("view0.png"), Image("last.png"));  // each view gets the photograph of the next one
-  for (size_t v = 0; v + 1 < views_; ++v) {
-    fs::rename(Image("view" + std::to_string(v + 1) + ".png"), Image("view" + std::to_string(v) + ".png"));
-  }
-  fs::rename(Image("last.png"), Image("view" + std::to_string(views_ - 1) + ".png"));
-  EXPECT_THAT(Refusal(0), AllOf(HasSubstr("images that match through the mesh at"), HasSubstr("do not fit: --anyway")));
-  SceneLoadOptions load;
-  load.anyway = true;
-  const auto checked = CheckScene(folder_, load, std::numeric_limits<int64_t>::max(), &warnings_, {});
-  EXPECT_TRUE(checked.ok()) << checked.status();
-  EXPECT_THAT(warnings_, testing::Contains(HasSubstr("images that match through the mesh at")));
-}
-
 TEST_F(SkipImagesTest, NoSceneIsLeftWithoutImages) {
   fs::remove_all(folder_ + "/images");
   fs::create_directory(folder_ + "/images");
