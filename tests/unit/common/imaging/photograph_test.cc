@@ -174,7 +174,7 @@ TEST(PhotographTest, TheFourthBandOfATiffIsAlphaIfTheFileSaysSo) {
         const FloatImage image = LuminanceAt(path);
         int64_t masked = 0;
         for (size_t i = 0; i < image.data.size(); ++i) {
-          uint16_t p[4];
+          uint16_t p[4] = {};
           for (size_t c = 0; c < 4; ++c) {
             if (bits == 16) std::memcpy(&p[c], &bytes[(4 * i + c) * 2], 2);
             if (bits == 8) p[c] = bytes[4 * i + c];

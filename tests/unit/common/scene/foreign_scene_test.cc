@@ -143,7 +143,7 @@ TEST(SceneTest, ModelInASubFolder) {
   EXPECT_THAT(warnings, testing::ElementsAre("colmap: has no model itself; that of sparse/0 is used, with 5 images"));
   const StatusOr<SceneSummary> summary = CheckSceneFolder(folder, &warnings, {});
   ASSERT_TRUE(summary.ok()) << summary.status();
-  EXPECT_TRUE(summary->reprojection.has_value());
+  EXPECT_TRUE(summary->tie_points.has_value());
 }
 
 TEST(SceneTest, FaultsOfTheModelAddNoWarnings) {

@@ -135,10 +135,10 @@ TEST(CheckTest, GoodScenesPassInEveryForm) {
     EXPECT_NEAR(summary->extent_m2, 1600, 1e-6);
     EXPECT_NEAR(summary->classes[1].area_share, 384.0 / 1984, 1e-9);
     EXPECT_LT(summary->unseen_share, 0.2);
-    ASSERT_TRUE(summary->reprojection.has_value());
-    EXPECT_GT(summary->reprojection->observations, 100);
-    EXPECT_LT(summary->reprojection->median_px, 1e-3);
-    EXPECT_EQ(summary->reprojection->inside_share, 1);
+    ASSERT_TRUE(summary->tie_points.has_value());
+    EXPECT_GT(summary->tie_points->observations, 100);
+    EXPECT_LT(summary->tie_points->median_px, 1e-3);
+    EXPECT_EQ(summary->tie_points->inside_share, 1);
     EXPECT_THAT(SummaryToText(*summary), HasSubstr("160 x 120"));
     EXPECT_THAT(SummaryToJson(*summary, warnings), HasSubstr("\"gsd_m\": 0."));
   }
