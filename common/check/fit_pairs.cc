@@ -61,9 +61,9 @@ class PairFinder {
     for (uint32_t i = 0; i < points_.size(); ++i) {
       if (InFront(reference, points_[i])) seen.push_back(i);
     }
-    seen = Thinned(seen, 2 * kPointsOfAnchor);
+    Thin(2 * kPointsOfAnchor, &seen);
     std::erase_if(seen, [&](uint32_t i) { return !Sees(reference, points_[i]); });
-    seen = Thinned(seen, kPointsOfAnchor);
+    Thin(kPointsOfAnchor, &seen);
     const Eigen::Vector3d centre = scene_.views[reference].camera.Centre();
     // Partners by the number of points that they see under a useful angle, different directions first.
     std::vector<std::pair<int, int>> scores;  // -points, view
@@ -88,16 +88,17 @@ class PairFinder {
       }
       if (common.size() < kLeastPoints) continue;
       FitPair& pair = pairs.emplace_back(FitPair{reference, view, {}});
-      for (const uint32_t i : Thinned(common, patches)) pair.points.push_back(points_[i]);
+      Thin(patches, &common);
+      for (const uint32_t i : common) pair.points.push_back(points_[i]);
     }
     return pairs;
   }
 
-  static std::vector<uint32_t> Thinned(const std::vector<uint32_t>& items, size_t count) {
-    if (items.size() <= count) return items;
-    std::vector<uint32_t> kept(count);
-    for (size_t i = 0; i < count; ++i) kept[i] = items[i * items.size() / count];
-    return kept;
+  // Keeps at most `count`, evenly spread.
+  static void Thin(size_t count, std::vector<uint32_t>* items) {
+    if (items->size() <= count) return;
+    for (size_t i = 0; i < count; ++i) (*items)[i] = (*items)[i * items->size() / count];
+    items->resize(count);
   }
 
   const SceneDescription& scene_;
