@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "common/base/parallel.h"
 #include "common/geometry/ray_caster.h"
 
@@ -44,6 +45,7 @@ ViewVisibility VisibilityOf(const SceneView& view, const TriangleMesh& mesh, con
 StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const TriangleMesh& mesh, int64_t largest_sample,
                                    const TaskControl& control) {
   Coverage coverage;
+  for (const Eigen::Vector3d& p : mesh.vertices) coverage.box.extend(p);
   const RayCaster caster(mesh);
   const int64_t views = static_cast<int64_t>(scene.views.size());
   coverage.views.assign(views, ViewVisibility::kGood);
@@ -82,10 +84,28 @@ StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const Triangle
 
 void AddVisibilityFaults(const SceneDescription& scene, const Coverage& coverage, Faults* faults) {
   constexpr double kAlmostAll = 0.9;
+  const auto almost_all = [&](int64_t views) {
+    return views > 1 && static_cast<double>(views) > kAlmostAll * static_cast<double>(coverage.views.size());
+  };
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   const auto behind = std::count(coverage.views.begin(), coverage.views.end(), ViewVisibility::kBehindMesh);
-  const bool inwards =
-      behind > 1 && static_cast<double>(behind) > kAlmostAll * static_cast<double>(coverage.views.size());
+  const bool inwards = almost_all(behind);
+  const auto blind = std::count(coverage.views.begin(), coverage.views.end(), ViewVisibility::kNothing);
+  const bool elsewhere = almost_all(blind);
+  if (elsewhere) {
+    Eigen::Vector3d cameras = Eigen::Vector3d::Zero();
+    for (const SceneView& view : scene.views) cameras += view.camera.Centre() / static_cast<double>(scene.views.size());
+    const auto text = [&](const Eigen::Vector3d& p_local) {
+      const Eigen::Vector3d p = scene.frame.SceneFromLocal(p_local);
+      return absl::StrFormat("(%.1f, %.1f, %.1f)", p.x(), p.y(), p.z());
+    };
+    faults->Add(InputError(
+        path, "",
+        absl::StrCat("a mesh around ", text(coverage.box.center()), " that ", blind, " of ", coverage.views.size(),
+                     " images do not see; their cameras are around ", text(cameras)),
+        "mesh and cameras in one coordinate system: add the offset that the mesh's program keeps beside it (such as "
+        "metadata.xml), and check units, axes and poses"));
+  }
   if (inwards) {
     faults->Add(InputError(
         path, "", absl::StrCat("faces whose backs are seen by ", behind, " of ", coverage.views.size(), " images"),
@@ -94,7 +114,7 @@ void AddVisibilityFaults(const SceneDescription& scene, const Coverage& coverage
   }
   for (size_t i = 0; i < coverage.views.size(); ++i) {
     const std::string image = absl::StrCat("image '", scene.views[i].name, "'");
-    if (coverage.views[i] == ViewVisibility::kNothing) {
+    if (coverage.views[i] == ViewVisibility::kNothing && !elsewhere) {
       faults->Add(InputError(path, image, "no face in front of its camera and inside the image",
                              "a camera that sees the mesh: check its pose"));
     } else if (coverage.views[i] == ViewVisibility::kBehindMesh && !inwards) {

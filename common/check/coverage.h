@@ -1,6 +1,7 @@
 // Visibility of a mesh in the views of a scene.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cstdint>
 #include <vector>
@@ -19,6 +20,7 @@ struct Coverage {
   int64_t faces_tried = 0;  // sampled faces
   int64_t unseen = 0;       // sampled faces that no view sees
   int64_t under_three = 0;  // sampled faces that fewer than three views see, including unseen ones
+  Eigen::AlignedBox3d box;  // of the mesh
 };
 
 // Casts rays through a grid of pixels of each view, and to the centroids of at most `largest_sample` faces (every
@@ -33,7 +35,7 @@ inline bool AllViewsSee(const Coverage& coverage) {
 }
 
 // Adds an error for each view that sees no face, or mostly backs of faces, of the scene's mesh. If almost all views see
-// backs, one error for all.
+// nothing, or backs, one error for all.
 void AddVisibilityFaults(const SceneDescription& scene, const Coverage& coverage, Faults* faults);
 
 }  // namespace tessera

@@ -37,7 +37,7 @@ constexpr double kShiftDeviations = 5, kPatchesOfOne = 2;
 struct Candidate {
   std::string fault;
   std::function<void(SceneDescription* scene)> correct;
-  bool inwards = false;  // turn the faces
+  bool inwards = false;  // only with the faces turned
 };
 
 // Edits poses in scene coordinates.
@@ -315,13 +315,17 @@ StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& s
     for (const Candidate& candidate : Candidates(scene)) {
       SceneDescription corrected = scene;
       candidate.correct(&corrected);
-      TESSERA_ASSIGN_OR_RETURN(const SceneFit found, trials.Fit(corrected, candidate.inwards, control));
-      if (found.all.patches < kLeastPatchesOfReading || found.all.above_chance < kBadFit) continue;
-      // A wrong reading may match flat ground, but not where the mesh puts it.
-      if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px)) continue;
-      if (matching(found) <= most) continue;
-      most = matching(found);
-      best = {candidate.fault, found.all.above_chance, Eigen::Vector3d::Zero()};
+      // Repair turns a mesh to the side that the cameras see, so wrong poses turn a right one.
+      for (const bool inwards : {false, true}) {
+        if (candidate.inwards && !inwards) continue;
+        TESSERA_ASSIGN_OR_RETURN(const SceneFit found, trials.Fit(corrected, inwards, control));
+        if (found.all.patches < kLeastPatchesOfReading || found.all.above_chance < kBadFit) continue;
+        // A wrong reading may match flat ground, but not where the mesh puts it.
+        if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px)) continue;
+        if (matching(found) <= most) continue;
+        most = matching(found);
+        best = {candidate.fault, found.all.above_chance, Eigen::Vector3d::Zero()};
+      }
     }
   }
   Reading moved;

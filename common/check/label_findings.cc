@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kGrid = 256;            // of a digest
 constexpr float kFlat = 0.005f;       // differences of likelihoods below this are rounding to 8 bits
-constexpr double kConstantSum = 1.5;  // ratio of the sums of pixels; logits exceed it
+constexpr double kConstantSum = 1.1;  // ratio of the sums of pixels; logits exceed it
 constexpr int64_t kSampledFaces = 20000;
 constexpr int64_t kJudgedFaces = 300;                    // in all views; fewer say nothing
 constexpr double kPoorAgreement = 0.4;                   // of likelihoods and labels; good scenes have 0.7 and more

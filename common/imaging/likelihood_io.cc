@@ -19,18 +19,21 @@ namespace {
 
 constexpr double kLabelConfidence = 0.8;  // likelihood of the class that a label names
 
+// Whether likelihoods of this size may be those of the camera's images: of any lower resolution, or, if the images were
+// reduced later, of up to kMostFiner times theirs. The height may be rounded up or down.
 bool HasSizeOf(int width, int height, const PinholeCamera& camera) {
-  const double expected_height = static_cast<double>(width) * camera.height / camera.width;
-  return width >= 1 && height >= 1 && width <= camera.width && height <= camera.height &&
-         std::abs(height - expected_height) <= 1.0;
+  constexpr int kMostFiner = 4;
+  const double scale = static_cast<double>(width) / camera.width;
+  return width >= 1 && height >= 1 && scale <= kMostFiner && height <= kMostFiner * camera.height &&
+         std::abs(height - scale * camera.height) <= std::max(1.0, scale);
 }
 
-// Likelihoods may have a lower resolution than the photograph; their height may be rounded up or down.
 Status CheckResolution(const std::string& path, int width, int height, const PinholeCamera& camera) {
   if (HasSizeOf(width, height, camera)) return absl::OkStatus();
-  return InputError(
-      path, "", absl::StrCat(width, " x ", height, " pixels"),
-      absl::StrCat(camera.width, " x ", camera.height, " as its image, or fewer with the same aspect ratio"));
+  return InputError(path, "", absl::StrCat(width, " x ", height, " pixels"),
+                    absl::StrCat(camera.width, " x ", camera.height,
+                                 " as its image, or another size of the same aspect ratio: resize the output of the "
+                                 "classifier to the image"));
 }
 
 FloatImage FromLabels(const LabelImage& labels, int classes, const ImagePart& part) {

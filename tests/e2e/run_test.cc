@@ -192,5 +192,22 @@ TEST_F(RunTest, SecondRunInTheSameFolderIsRefused) {
   EXPECT_EQ(first.Wait().exit_code, 130);
 }
 
+// A smoothness that flattens everything makes a result that fits the images worse than a true start.
+TEST_F(RunTest, ResultThatFitsWorseThanItsStartHasExitCode5) {
+  const std::string scene = folder_.path() + "/city";
+  fs::copy(ToyCity(), scene, fs::copy_options::recursive);
+  fs::copy_file(scene + "/truth/mesh.ply", scene + "/mesh.ply", fs::copy_options::overwrite_existing);
+  const Outcome good = Run({}, scene);
+  EXPECT_EQ(good.exit_code, 0) << good.output;
+  fs::remove_all(out_);
+  const Outcome outcome = Run({"--settings", R"({"thin_plate": 100, "contour": 0})"}, scene);
+  EXPECT_EQ(outcome.exit_code, 5) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("the result fits the images worse than the start mesh"));
+  const auto report = nlohmann::json::parse(Content(out_ + "/report.json"));
+  EXPECT_EQ(report.at("fit_change").at("worse"), true);
+  EXPECT_LT(report["fit_change"]["above_chance_result"], report["fit_change"]["above_chance_start"]);
+  EXPECT_TRUE(fs::exists(out_ + "/mesh.ply"));
+}
+
 }  // namespace
 }  // namespace tessera::e2e

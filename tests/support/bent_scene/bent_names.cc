@@ -20,8 +20,9 @@ constexpr const char* kModelFiles[] = {"cameras.txt", "images.txt", "points3D.tx
 
 // A number as Microsoft's library prints it: with three digits of the exponent.
 std::string LongExponent(double value) {
-  std::string text = absl::StrFormat("%.15e", value);
-  return text.insert(text.size() - 2, "0");
+  const std::string text = absl::StrFormat("%.15e", value);
+  const size_t sign_end = text.size() - 2;
+  return absl::StrCat(text.substr(0, sign_end), "0", text.substr(sign_end));
 }
 
 }  // namespace
