@@ -60,7 +60,9 @@ class SceneChecker {
     CheckPixels();
     Describe();
     if (WarnOfLikelihoodValues(scene_, digests_, &warnings_)) summary_.has_likelihoods = false;
-    if (summary_.images == 2) {
+    if (summary_.images == 1) {
+      warnings_.push_back("1 image: only labels can be refined (--method labels); the mesh needs 2 images, better 3");
+    } else if (summary_.images == 2) {
       warnings_.push_back("2 images: the mesh is refined only where both show it; 3 or more are better");
     }
     TESSERA_RETURN_IF_ERROR(control_.Check());

@@ -55,6 +55,8 @@ struct SceneFit {
 // Share of patches above chance below which a scene fits badly: 37 % of the patches match for another reason than
 // chance, so the mesh is wrong at most places. Good start meshes, down to block models, have 60 to 95 %.
 inline constexpr double kBadFit = 0.4;
+// The fit of fewer patches is not judged.
+inline constexpr int kJudgedPatches = 200;
 
 // The surface that is measured: repaired, local frame. What it refers to must outlive it.
 struct FitSurface {

@@ -18,7 +18,6 @@ constexpr double kGoodPoses_px = 0.3;
 constexpr double kGoodFocal = 0.003;  // relative
 constexpr double kGoodMeshShift_gsd = 2;
 constexpr double kSuspectedSideways = 4;  // standard deviations: FindReading looks closer
-constexpr int kJudgedPatches = 200;       // of a scene that is judged
 constexpr size_t kListed = 20;
 
 std::string Names(const SceneDescription& scene, const std::vector<int>& views) {

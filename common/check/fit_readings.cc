@@ -308,7 +308,7 @@ StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& s
   const auto matching = [](const SceneFit& found) {
     return found.all.above_chance * static_cast<double>(found.all.patches);
   };
-  const bool fits = fit.all.above_chance >= kBadFit && all_views_see;
+  const bool fits = fit.all.patches >= kJudgedPatches && fit.all.above_chance >= kBadFit && all_views_see;
   if (!fits) {
     TESSERA_ASSIGN_OR_RETURN(const SceneFit as_is, trials.Fit(scene, false, control));
     double most = 2 * matching(as_is);

@@ -124,6 +124,7 @@ std::optional<size_t> ViewOf(const std::string& stem, const std::map<std::string
   auto it = views.find(stem);
   constexpr std::string_view kSuffix = "_label";
   if (it == views.end() && stem.ends_with(kSuffix)) it = views.find(stem.substr(0, stem.size() - kSuffix.size()));
+  if (it == views.end()) it = views.find(fs::path(stem).replace_extension().generic_string());  // a.jpg.png
   return it == views.end() ? std::nullopt : std::optional<size_t>(it->second);
 }
 

@@ -145,7 +145,7 @@ TEST(CheckOfBaseScene, IsGood) {
 }
 
 // Report 33. Transparent pixels are no evidence; black ones are.
-TEST(MasksOfReports, AreNotReadAsBlack) {  // not yet
+TEST(MasksOfReports, AreNotReadAsBlack) {
   std::string hashes[2];
   for (const bool is_transparent : {false, true}) {
     const std::string folder = FreshTestFolder(is_transparent ? "transparent" : "black") + "/scene";
@@ -170,7 +170,7 @@ TEST(AnnotationsOfReports, AreReadOrRefused) {
   const Form forms[] = {{"ids", {}},
                         {"colours", {}},
                         {"palette", {}},
-                        {"double-suffix", {}},  // not yet
+                        {"double-suffix", {}},
                         {"jpeg-colours", {"colour", "nadir_00_001"}},
                         {"antialiased", {"colour", "nadir_00_001"}},
                         {"half-size", {"200 x 150", "400 x 300"}}};

@@ -107,12 +107,12 @@ TEST_P(RunOfReports, IsAsGoodAsThatOfTheBaseScene) {
 INSTANTIATE_TEST_SUITE_P(
     All, RunOfReports,
     testing::Values(
-        RunCase{"12_bits_in_16", bent::Tiff16Bit12},  // not yet
+        RunCase{"12_bits_in_16", bent::Tiff16Bit12},
         RunCase{"masks", bent::TransparentMasks, 1.3, -0.03},
-        RunCase{"triangle_soup", bent::TriangleSoup},  // not yet
-        RunCase{"tile_borders", bent::TileBorders},    // not yet
-        RunCase{"inside_out", bent::InsideOut},        // not yet
-        RunCase{"spike", bent::SpikeOfAKilometre},     // not yet
+        RunCase{"triangle_soup", bent::TriangleSoup},
+        RunCase{"tile_borders", bent::TileBorders},  
+        RunCase{"inside_out", bent::InsideOut},      
+        RunCase{"spike", bent::SpikeOfAKilometre},   
         RunCase{"other_start_labels", bent::SumLabels}),
     [](const auto& report) { return std::string(report.param.name); });
 // clang-format on
@@ -123,7 +123,7 @@ TEST(RunOfBaseScene, IsBetterThanItsStart) {
 }
 
 // Likelihoods that say nothing leave the labels of the start.
-TEST(RunOfAllZeroFiles, KeepsTheLabelsOfTheStart) {  // not yet
+TEST(RunOfAllZeroFiles, KeepsTheLabelsOfTheStart) {
   const std::string scene = FreshTestFolder("zero") + "/scene";
   bent::CopyBaseScene(scene);
   bent::AllZeroFiles(scene);
