@@ -449,50 +449,6 @@ class SceneLoader {
 
 }  // namespace
 
-SceneClass OneClass() {
-  SceneClass surface;
-  surface.name = "surface";
-  return surface;
-}
-
-std::vector<std::string> ClassNames(const SceneDescription& scene) {
-  std::vector<std::string> names;
-  for (const SceneClass& c : scene.classes) names.push_back(c.name);
-  return names;
-}
-
-void FindLikelihoodForms(SceneDescription* scene, Warnings* warnings,
-                         const std::map<std::string, LikelihoodForm>& known) {
-  std::vector<std::string> paths;
-  LikelihoodForm given;
-  for (const SceneView& view : scene->views) {
-    if (view.likelihood_path.empty() || known.contains(view.likelihood_path)) continue;
-    paths.push_back(absl::StrCat(scene->folder, "/", view.likelihood_path));
-    given = view.likelihood_form;
-  }
-  for (const auto& [path, form] : known) {
-    if (given == LikelihoodForm()) given = form;
-  }
-  std::vector<std::array<uint8_t, 3>> colors;
-  for (const SceneClass& c : scene->classes) colors.push_back(c.color_rgb);
-  const LikelihoodForm form = FindLikelihoodForm(paths, colors, given, warnings);
-  for (SceneView& view : scene->views) {
-    const auto found = known.find(view.likelihood_path);
-    if (!view.likelihood_path.empty()) view.likelihood_form = found == known.end() ? form : found->second;
-  }
-}
-
-std::vector<std::string> ViewStems(const SceneDescription& scene) {
-  std::map<std::string, std::set<std::string>> images;
-  for (const SceneView& view : scene.views) images[WithoutExtension(view.name)].insert(view.name);
-  std::vector<std::string> stems;
-  for (const SceneView& view : scene.views) {
-    const std::string stem = WithoutExtension(view.name);
-    stems.push_back(images[stem].size() > 1 ? view.name : stem);
-  }
-  return stems;
-}
-
 SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOptions& options, Warnings* warnings,
                                      Faults* faults) {
   const StatusOr<bool> is_folder = options.allowed.IsFolder(path);

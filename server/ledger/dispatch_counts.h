@@ -6,7 +6,7 @@
 #include <map>
 #include <optional>
 
-#include "common/base/histogram.h"
+#include "server/store/histogram.h"
 #include "server/ledger/job.h"
 #include "server/ledger/task_groups.h"
 

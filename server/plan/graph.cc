@@ -239,11 +239,7 @@ class Graph {
 
   void AddPublish() {
     PublishParameters parameters;
-    parameters.scene_name = survey_.scene_name;
-    parameters.warnings = survey_.warnings;
-    parameters.view_names = ViewNames(survey_);
-    parameters.fit = survey_.fit;
-    parameters.skipped_images = survey_.skipped_images;
+    SetReported(survey_, &parameters);
     PlannedTask task;
     task.kind = task.name = kPublishKind;
     SetCost(PredictPublish(survey_), &task);

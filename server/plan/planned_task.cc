@@ -18,15 +18,17 @@ void SetCost(const Prediction& cost, PlannedTask* task) {
   task->stored_bytes = cost.stored_bytes;
 }
 
-std::vector<std::string> ViewNames(const Survey& survey) {
-  constexpr size_t kMostBytes = 1 << 20;
-  std::vector<std::string> names;
+void SetReported(const Survey& survey, PublishParameters* parameters) {
+  constexpr size_t kMostBytes = 1 << 20;  // the parameters are part of records and leases
+  parameters->scene_name = survey.scene_name;
+  parameters->warnings = survey.warnings;
+  parameters->fit = survey.fit;
+  parameters->skipped_images = survey.skipped_images;
   size_t bytes = 0;
-  for (const SceneView& view : survey.views) {
-    names.push_back(view.name);
-    bytes += view.name.size();
+  for (const SceneView& view : survey.views) bytes += view.name.size();
+  for (size_t v = 0; bytes <= kMostBytes && v < survey.views.size(); ++v) {
+    parameters->view_names.push_back(survey.views[v].name);
   }
-  return bytes <= kMostBytes ? names : std::vector<std::string>();
 }
 
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,

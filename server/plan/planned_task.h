@@ -67,9 +67,9 @@ std::string ViewInputName(const PlannedTask::ViewFile& file);
 
 void SetCost(const Prediction& cost, PlannedTask* task);
 
-// The names of the survey's views, for messages; empty if they take more than 1 MiB, because they become parameters of a
-// task.
-std::vector<std::string> ViewNames(const Survey& survey);
+// Sets what the report has from the survey: names, warnings, fit, skipped images. Without names of views if these take
+// more than 1 MiB.
+void SetReported(const Survey& survey, PublishParameters* parameters);
 
 // Per view: its image, mask and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of
 // a missing one.

@@ -99,10 +99,7 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(base.survey_json));
   PublishParameters parameters;
   parameters.tiles = base.tiles;
-  parameters.scene_name = survey.scene_name;
-  parameters.warnings = survey.warnings;
-  parameters.fit = survey.fit;
-  parameters.skipped_images = survey.skipped_images;
+  SetReported(survey, &parameters);
   parameters.flip_edges = base.flip_edges;
   PlannedTask publish;
   publish.kind = publish.name = kPublishKind;

@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "common/base/histogram.h"
+#include "server/store/histogram.h"
 #include "common/base/status.h"
 #include "server/store/record_store.h"
 

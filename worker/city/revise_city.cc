@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
-#include "common/base/pick.h"
+#include "worker/city/pick.h"
 #include "common/storage/hash.h"
 #include "worker/city/view_box.h"
 #include "worker/refine/submesh.h"

@@ -41,6 +41,12 @@ double Share(int64_t part, int64_t patches) {
   return patches > 0 ? static_cast<double>(part) / static_cast<double>(patches) : 0;
 }
 
+json SharesToJson(const FitChange& change) {
+  return {{"patches", change.patches},
+          {"above_chance_start", Share(change.start, change.patches)},
+          {"above_chance_result", Share(change.result, change.patches)}};
+}
+
 std::string SharesText(const FitChange& change) {
   return absl::StrFormat("%.1f %% of %d patches of the images match at the start, %.1f %% in the result",
                          100 * Share(change.start, change.patches), change.patches,
@@ -75,29 +81,25 @@ std::vector<FitOfTile> FitsOf(const std::vector<ReportedTile>& tiles) {
   return fits;
 }
 
-json FitShares(const FitChange& change) {
-  return {{"patches", change.patches},
-          {"above_chance_start", Share(change.start, change.patches)},
-          {"above_chance_result", Share(change.result, change.patches)}};
-}
+std::string FitShares(const FitChange& change) { return SharesToJson(change).dump(); }
 
-json FitSummary(const std::vector<FitOfTile>& tiles, const Survey& survey) {
+std::string FitSummary(const std::vector<FitOfTile>& tiles, const Survey& survey) {
   const WholeFit whole = Whole(tiles, survey);
-  json summary = FitShares(whole.all), worse_tiles = json::array(), worse_images = json::array();
+  json summary = SharesToJson(whole.all), worse_tiles = json::array(), worse_images = json::array();
   for (const FitOfTile* tile : whole.worse_tiles) {
     const Eigen::Vector3d at = InScene(survey, tile->fit.centre_m);
-    worse_tiles.push_back(FitShares(tile->fit.all));
+    worse_tiles.push_back(SharesToJson(tile->fit.all));
     worse_tiles.back()["tile"] = tile->tile;
     worse_tiles.back()["centre"] = {at.x(), at.y(), at.z()};
   }
   for (const auto& [name, change] : whole.worse_images) {
-    worse_images.push_back(FitShares(change));
+    worse_images.push_back(SharesToJson(change));
     worse_images.back()["image"] = name;
   }
   summary["worse"] = whole.all.IsWorse();
   summary["worse_tiles"] = worse_tiles;
   summary["worse_images"] = worse_images;
-  return summary;
+  return summary.dump();
 }
 
 Warnings FitWarnings(const std::vector<FitOfTile>& tiles, const Survey& survey) {

@@ -1,7 +1,7 @@
 // How the images fit the result beside the start, over all tiles.
 #pragma once
 
-#include <nlohmann/json_fwd.hpp>
+#include <string>
 #include <vector>
 
 #include "common/base/status.h"
@@ -20,12 +20,12 @@ struct FitOfTile {
 // The fits in the reports of the tiles; none for a tile that moved no vertices.
 std::vector<FitOfTile> FitsOf(const std::vector<ReportedTile>& tiles);
 
-// Patches, and their shares above chance at the start and in the result.
-nlohmann::json FitShares(const FitChange& change);
+// JSON: patches, and their shares above chance at the start and in the result.
+std::string FitShares(const FitChange& change);
 
-// For report.json: FitShares of all tiles together, whether the result is worse as a whole (FitChange::IsWorse), and
+// JSON, for report.json: FitShares of all tiles together, whether the result is worse as a whole (FitChange::IsWorse), and
 // the tiles and images where it is. Names of images are those of `survey`.
-nlohmann::json FitSummary(const std::vector<FitOfTile>& tiles, const Survey& survey);
+std::string FitSummary(const std::vector<FitOfTile>& tiles, const Survey& survey);
 
 // A warning if the result is worse as a whole, one about the tiles where it is, and one about the images.
 Warnings FitWarnings(const std::vector<FitOfTile>& tiles, const Survey& survey);

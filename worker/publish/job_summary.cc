@@ -100,7 +100,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
   for (const FitOfTile& of_tile : fits) {
     const auto report = std::find_if(tile_reports.begin(), tile_reports.end(),
                                      [&](const json& tile) { return tile.at("tile") == of_tile.tile; });
-    (*report)["fit"] = FitShares(of_tile.fit.all);
+    (*report)["fit"] = json::parse(FitShares(of_tile.fit.all));
   }
   json class_names = json::array();
   for (const SceneClass& c : survey.classes) class_names.push_back(c.name);
@@ -120,7 +120,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
               {"area_share_before", shares_before},
               {"area_share_after", shares_after},
               {"seams", SeamStatistics(tile_reports)},
-              {"fit_change", FitSummary(fits, survey)},
+              {"fit_change", json::parse(FitSummary(fits, survey))},
               {"tiles", tile_reports},
               {"warnings", survey.warnings}};
   if (!survey.fit.empty()) {

@@ -1,7 +1,7 @@
 #include "worker/tile/measure_tile.h"
 
 #include "common/base/elapsed.h"
-#include "common/base/pick.h"
+#include "worker/city/pick.h"
 #include "worker/visibility/rasterizer.h"
 #include "worker/visibility/visible_cells.h"
 

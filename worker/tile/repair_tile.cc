@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "common/base/pick.h"
+#include "worker/city/pick.h"
 #include "worker/tile/regions.h"
 
 namespace tessera {

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "common/base/pick.h"
+#include "worker/city/pick.h"
 #include "common/geometry/edge_list.h"
 #include "worker/refine/vertex_sums.h"
 

@@ -13,7 +13,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/machine_limits.h"
-#include "common/base/pick.h"
+#include "worker/city/pick.h"
 #include "worker/tile/regions.h"
 
 namespace tessera {

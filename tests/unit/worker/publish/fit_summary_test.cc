@@ -24,7 +24,7 @@ TEST(FitSummary, NamesTilesAndImagesThatBecameWorse) {
   bad.fit.views[1] = bad.fit.all;
   bad.fit.centre_m = {5, 6, 7};
   const Survey survey = NamedViews(2);
-  const nlohmann::json summary = FitSummary({good, bad}, survey);
+  const nlohmann::json summary = nlohmann::json::parse(FitSummary({good, bad}, survey));
   EXPECT_EQ(summary.at("patches"), 200);
   EXPECT_EQ(summary.at("worse"), false);  // 60 lost, 40 gained: two standard deviations
   ASSERT_EQ(summary.at("worse_tiles").size(), 1u);
@@ -41,13 +41,13 @@ TEST(FitSummary, NamesTilesAndImagesThatBecameWorse) {
 TEST(FitSummary, SaysThatTheWholeIsWorse) {
   FitOfTile bad = {0, {}};
   bad.fit.all = {100, 90, 30, 60, 0};
-  EXPECT_EQ(FitSummary({bad}, NamedViews(0)).at("worse"), true);
+  EXPECT_EQ(nlohmann::json::parse(FitSummary({bad}, NamedViews(0))).at("worse"), true);
   EXPECT_NE(FitWarnings({bad}, NamedViews(0))[0].find("worse than the start mesh"), std::string::npos);
 }
 
 TEST(FitSummary, WithoutPatchesSaysNothing) {
   EXPECT_TRUE(FitWarnings({}, NamedViews(1)).empty());
-  EXPECT_EQ(FitSummary({}, NamedViews(1)).at("patches"), 0);
+  EXPECT_EQ(nlohmann::json::parse(FitSummary({}, NamedViews(1))).at("patches"), 0);
 }
 
 }  // namespace
