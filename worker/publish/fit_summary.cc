@@ -44,13 +44,15 @@ double Share(int64_t part, int64_t patches) {
 json SharesToJson(const FitChange& change) {
   return {{"patches", change.patches},
           {"above_chance_start", Share(change.start, change.patches)},
-          {"above_chance_result", Share(change.result, change.patches)}};
+          {"above_chance_result", Share(change.result, change.patches)},
+          {"became_worse", Share(change.lost, change.patches)},
+          {"became_better", Share(change.gained, change.patches)}};
 }
 
 std::string SharesText(const FitChange& change) {
-  return absl::StrFormat("%.1f %% of %d patches of the images match at the start, %.1f %% in the result",
-                         100 * Share(change.start, change.patches), change.patches,
-                         100 * Share(change.result, change.patches));
+  return absl::StrFormat("of %d patches of the images, %.1f %% correlate worse than at the start and %.1f %% better",
+                         change.patches, 100 * Share(change.lost, change.patches),
+                         100 * Share(change.gained, change.patches));
 }
 
 Eigen::Vector3d InScene(const Survey& survey, const Eigen::Vector3d& p_local) {

@@ -20,7 +20,7 @@ struct FitOfTile {
 // The fits in the reports of the tiles; none for a tile that moved no vertices.
 std::vector<FitOfTile> FitsOf(const std::vector<ReportedTile>& tiles);
 
-// JSON: patches, and their shares above chance at the start and in the result.
+// JSON: patches, their shares above chance at the start and in the result, and the shares that became worse or better.
 std::string FitShares(const FitChange& change);
 
 // JSON, for report.json: FitShares of all tiles together, whether the result is worse as a whole (FitChange::IsWorse), and

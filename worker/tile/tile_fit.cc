@@ -24,6 +24,7 @@ constexpr size_t kFitPoints = 3000, kFitPairs = 48, kFitPatches = 60;  // of a t
 constexpr int64_t kFitPixels = 12'000'000;                             // larger crops are compared on a coarser level
 constexpr double kFitAngle_cos = 0.2;                                  // between normal and ray: 78 degrees
 constexpr double kLeastWorseShare = 0.01;                              // of the patches
+constexpr double kChangedZncc = 0.05;                                  // smaller changes are noise
 
 // A point of a face of the package.
 struct FacePoint {
@@ -224,7 +225,8 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
   std::nth_element(at_random.begin(), chance, at_random.end());
   for (const Compared& patch : compared) {
     const bool start = patch.start.correlation > *chance, end = patch.result.correlation > *chance;
-    const FitChange change = {1, start, end, start && !end, !start && end};
+    const double rise = patch.result.correlation - patch.start.correlation;
+    const FitChange change = {1, start, end, rise < -kChangedZncc, rise > kChangedZncc};
     fit.all.Add(change);
     for (const int32_t view : patch.views) fit.views[view].Add(change);
     fit.centre_m += patch.position;

@@ -17,11 +17,11 @@ namespace tessera {
 struct FitChange {
   int64_t patches = 0;
   int64_t start = 0, result = 0;  // those that correlate better than 95 % of patches at random places
-  int64_t lost = 0, gained = 0;   // above that correlation at the start only; in the result only
+  int64_t lost = 0, gained = 0;   // those whose ZNCC fell, or rose, by more than 0.05
 
   void Add(const FitChange& other);
-  // Whether more patches were lost than chance explains, and more than one in a hundred. If refinement changed nothing,
-  // a changed patch would be lost or gained with equal probability: lost - gained has the standard deviation
+  // Whether more patches were lost than chance explains, and more than one in a hundred. If refinement improved nothing,
+  // a patch would be lost or gained with equal probability: lost - gained has the standard deviation
   // sqrt(lost + gained), of which four are exceeded once in 30,000 cases.
   bool IsWorse() const;
 };
