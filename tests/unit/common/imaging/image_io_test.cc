@@ -236,7 +236,8 @@ TEST(LikelihoodTest, WrongPageCountAndAspectRatio) {
               HasSubstr("a.tif: found 3 pages, expected 4"));
   EXPECT_TRUE(ReadLikelihoods(path, 3, PinholeOf(160, 120)).ok());  // a quarter of the photograph's size
   EXPECT_FALSE(ReadLikelihoods(path, 3, PinholeOf(160, 160)).ok());
-  EXPECT_FALSE(ReadLikelihoods(path, 3, PinholeOf(20, 15)).ok());
+  EXPECT_TRUE(ReadLikelihoods(path, 3, PinholeOf(20, 15)).ok());  // the photograph was reduced
+  EXPECT_FALSE(ReadLikelihoods(path, 3, PinholeOf(8, 6)).ok());   // to less than a quarter
 }
 
 TEST(LikelihoodTest, RejectsTruncatedTiff) {
