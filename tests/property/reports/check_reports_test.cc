@@ -172,7 +172,7 @@ TEST(AnnotationsOfReports, AreReadOrRefused) {
                         {"palette", {}},
                         {"double-suffix", {}},
                         {"jpeg-colours", {"colour", "nadir_00_001"}},
-                        {"antialiased", {"colour", "nadir_00_001"}},
+                        {"antialiased", {"colour", "east_00_001"}},
                         {"half-size", {"200 x 150", "400 x 300"}}};
   const std::string folder = FreshTestFolder("annotations");
   Warnings warnings;
