@@ -12,15 +12,15 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/base/parallel.h"
+#include "common/check/coverage.h"
+#include "common/check/fit_findings.h"
+#include "common/check/tie_points.h"
 #include "common/colmap/colmap.h"
 #include "common/geometry/repair.h"
 #include "common/meshio/mesh_format.h"
-#include "common/check/coverage.h"
-#include "common/check/fit_findings.h"
 #include "common/scene/photographs.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/skip_images.h"
-#include "common/check/tie_points.h"
 
 namespace tessera {
 namespace {
@@ -85,9 +85,6 @@ class SceneChecker {
     summary_.images = static_cast<int64_t>(scene_.views.size());
     summary_.skipped = scene_.skipped;
     summary_.has_likelihoods = scene_.has_likelihoods;
-    for (const SceneView& view : scene_.views) {
-      if (!view.likelihood_path.empty()) summary_.likelihood_form = view.likelihood_form;
-    }
     std::map<std::pair<int, int>, int64_t> sizes;
     for (const Flight& flight : scene_.flights) summary_.flights.push_back({flight, 0});
     for (const SceneView& view : scene_.views) {
@@ -157,8 +154,7 @@ class SceneChecker {
     }
     const TriangleMesh& mesh = *loaded;
     DescribeMesh(mesh);
-    StatusOr<RepairedMesh> repaired =
-        RepairMesh(mesh, RepairOptionsOf(scene_.views, scene_.frame), &warnings_);
+    StatusOr<RepairedMesh> repaired = RepairMesh(mesh, RepairOptionsOf(scene_.views, scene_.frame), &warnings_);
     if (!repaired.ok()) {
       faults_.Add(absl::InvalidArgumentError(absl::StrCat(path, ": ", std::string(repaired.status().message()))));
       return absl::OkStatus();
@@ -273,7 +269,7 @@ class SceneChecker {
   Faults& faults_;
   const TaskControl& control_;
   SceneSummary summary_;
-  TriangleMesh mesh_;  // repaired; empty if it cannot be read or is streamed
+  TriangleMesh mesh_;                      // repaired; empty if it cannot be read or is streamed
   std::vector<LikelihoodDigest> digests_;  // of each view
   bool has_up_ = false;                    // the up direction is not doubtful
 };
@@ -288,8 +284,8 @@ StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOption
   CheckedScene checked;
   checked.scene = LoadSceneCollecting(path, load, warnings, &faults);
   if (checked.scene.files.empty()) return faults.ToStatus();  // no scene.json
-  TESSERA_RETURN_IF_ERROR(ChooseWhiteLevels(std::vector<uint8_t>(checked.scene.views.size(), 1), control,
-                                            &checked.scene, warnings));
+  TESSERA_RETURN_IF_ERROR(
+      ChooseWhiteLevels(std::vector<uint8_t>(checked.scene.views.size(), 1), control, &checked.scene, warnings));
   FindLikelihoodForms(&checked.scene, warnings);
   TESSERA_ASSIGN_OR_RETURN(checked.summary,
                            SceneChecker(load, max_mesh_faces, warnings, &faults, control, &checked.scene).Check());
@@ -299,9 +295,8 @@ StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOption
 }
 
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
-  TESSERA_ASSIGN_OR_RETURN(
-      CheckedScene checked,
-      CheckScene(path, SceneLoadOptions(), std::numeric_limits<int64_t>::max(), warnings, control));
+  TESSERA_ASSIGN_OR_RETURN(CheckedScene checked, CheckScene(path, SceneLoadOptions(),
+                                                            std::numeric_limits<int64_t>::max(), warnings, control));
   return std::move(checked.summary);
 }
 

@@ -8,14 +8,14 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "common/imaging/border_trust.h"
 #include "common/check/coverage.h"
 #include "common/check/fit.h"
 #include "common/check/fit_findings.h"
 #include "common/check/label_findings.h"
 #include "common/check/pixel_content.h"
-#include "common/scene/scene.h"
 #include "common/check/tie_points.h"
+#include "common/imaging/border_trust.h"
+#include "common/scene/scene.h"
 
 namespace tessera {
 
@@ -41,8 +41,7 @@ struct SceneSummary {
   std::vector<FlightCount> flights;
   int64_t images = 0;  // used
   std::vector<SkippedImage> skipped;
-  bool has_likelihoods = false;    // false if they are to be ignored (WarnOfLikelihoodValues)
-  LikelihoodForm likelihood_form;  // of all likelihood files
+  bool has_likelihoods = false;  // false if they are to be ignored (WarnOfLikelihoodValues)
   double gsd_m = 0;
   int64_t vertices = 0, faces = 0;
   double surface_m2 = 0;

@@ -9,9 +9,9 @@
 #include <utility>
 
 #include "common/base/parallel.h"
-#include "common/geometry/ray_caster.h"
 #include "common/check/fit_pairs.h"
 #include "common/check/patch_match.h"
+#include "common/geometry/ray_caster.h"
 
 namespace tessera {
 namespace {

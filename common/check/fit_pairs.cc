@@ -154,9 +154,8 @@ StatusOr<std::vector<FitPair>> FindFitPairs(const SceneDescription& scene, const
 StatusOr<FitImages::Image> FitImages::Load(int view) const {
   const SceneView& from = scene_.views[view];
   Image image;
-  TESSERA_ASSIGN_OR_RETURN(image.luminance,
-                           ReadLuminance(absl::StrCat(scene_.folder, "/", from.image_path), from.lens,
-                                         OptionsOf(scene_.folder, from)));
+  TESSERA_ASSIGN_OR_RETURN(image.luminance, ReadLuminance(absl::StrCat(scene_.folder, "/", from.image_path), from.lens,
+                                                          OptionsOf(scene_.folder, from)));
   while (int64_t{image.luminance.width} * image.luminance.height > largest_pixels_) {
     // An odd last row or column is dropped, so the scale is exactly two.
     image.luminance = Halved(image.luminance);

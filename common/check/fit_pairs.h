@@ -9,10 +9,10 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "common/geometry/mesh.h"
-#include "common/geometry/ray_caster.h"
 #include "common/check/fit.h"
 #include "common/check/patch_match.h"
+#include "common/geometry/mesh.h"
+#include "common/geometry/ray_caster.h"
 #include "common/scene/scene.h"
 
 namespace tessera {

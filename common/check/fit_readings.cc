@@ -12,8 +12,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/base/parallel.h"
-#include "common/geometry/ray_caster.h"
 #include "common/check/fit_pairs.h"
+#include "common/geometry/ray_caster.h"
 
 namespace tessera {
 namespace {
@@ -321,7 +321,8 @@ StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& s
         TESSERA_ASSIGN_OR_RETURN(const SceneFit found, trials.Fit(corrected, inwards, control));
         if (found.all.patches < kLeastPatchesOfReading || found.all.above_chance < kBadFit) continue;
         // A wrong reading may match flat ground, but not where the mesh puts it.
-        if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px)) continue;
+        if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px))
+          continue;
         if (matching(found) <= most) continue;
         most = matching(found);
         best = {candidate.fault, found.all.above_chance, Eigen::Vector3d::Zero()};

@@ -50,15 +50,17 @@ void WarnOfContents(const SceneDescription& scene, const std::vector<PixelConten
     other_poses += other_pose;
   }
   if (masked > 0) {
-    warnings->push_back(absl::StrFormat("%d images have a mask or transparent pixels: %.1f %% of their pixels "
-                                        "are not used",
-                                        masked, 100 * share / static_cast<double>(masked)));
+    warnings->push_back(
+        absl::StrFormat("%d images have a mask or transparent pixels: %.1f %% of their pixels "
+                        "are not used",
+                        masked, 100 * share / static_cast<double>(masked)));
   }
   if (copies > 0) {
     warnings->push_back(absl::StrCat(
         copies, copies == 1 ? " image has" : " images have", " the same pixels as another one, such as ", example, ": ",
-        other_poses > 0 ? absl::StrCat(other_poses, " of these pairs have different poses, of which one must be wrong; ")
-                        : "",
+        other_poses > 0
+            ? absl::StrCat(other_poses, " of these pairs have different poses, of which one must be wrong; ")
+            : "",
         "remove the copies"));
   }
 }
@@ -75,8 +77,8 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
   };
   FloatImage luminance;
   if (!view.image_path.empty()) {
-    luminance = take(
-        ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens, OptionsOf(folder, view)), &content.image);
+    luminance = take(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens, OptionsOf(folder, view)),
+                     &content.image);
     if (broken != nullptr && !faults.empty()) {
       *broken = faults.ToStatus();
       return PixelContent();

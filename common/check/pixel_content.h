@@ -18,8 +18,8 @@ struct PixelContent {
 };
 
 // Decodes the view's image and its likelihoods of `classes` classes, below `folder`. INVALID_ARGUMENT lists the errors
-// of both. `borders` (for `classes` classes; may be null) receives the view's border counts, `digest` (may be null) that
-// of its likelihoods. `broken` (may be null) receives an error of the image instead; then the content is empty.
+// of both. `borders` (for `classes` classes; may be null) receives the view's border counts, `digest` (may be null)
+// that of its likelihoods. `broken` (may be null) receives an error of the image instead; then the content is empty.
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
                                         BorderCounts* borders = nullptr, LikelihoodDigest* digest = nullptr,
                                         Status* broken = nullptr);

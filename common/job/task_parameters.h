@@ -166,14 +166,14 @@ struct ChangesParameters {
 };
 
 struct PublishParameters {
-  std::vector<TileParameters> tiles;  // by id; an empty core: the tile was removed and has no state
-  std::vector<int> kept = {};         // tiles that an update reuses from its base job, ascending
-  std::string scene_name = {};        // for the report, like the next two
+  std::vector<TileParameters> tiles;         // by id; an empty core: the tile was removed and has no state
+  std::vector<int> kept = {};                // tiles that an update reuses from its base job, ascending
+  std::string scene_name = {};               // for the report, like the next two
   std::vector<std::string> view_names = {};  // of the survey's views; empty if they are too long
   std::vector<std::string> warnings = {};
-  std::string fit = {};               // Survey::fit, for the report
+  std::string fit = {};                                                  // Survey::fit, for the report
   std::vector<std::pair<std::string, std::string>> skipped_images = {};  // name and reason; for the report
-  bool outdated = false;              // kOutdatedFile is among the inputs
+  bool outdated = false;                                                 // kOutdatedFile is among the inputs
   std::vector<int> quarantined = {};  // tiles whose refinement failed, ascending; they have their previous state
   bool flip_edges = false;            // flip edges where that makes creases straight
 };

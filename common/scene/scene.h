@@ -47,8 +47,8 @@ struct SceneView {
   // unknown, or no such file.
   std::string image_content = {}, likelihood_content = {};
   LikelihoodForm likelihood_form = {};  // of its file: as scene.json states it, completed by FindLikelihoodForms
-  bool withdrawn = false;  // a view of the base job that is no longer used; it keeps its index
-  std::string mask_path = {};  // empty: no mask
+  bool withdrawn = false;               // a view of the base job that is no longer used; it keeps its index
+  std::string mask_path = {};           // empty: no mask
   // It has a mask or an alpha channel: pixels without luminance are no evidence. Ingest resets it if nothing is masked.
   bool masked = false;
   int white_level = 0;  // PhotographOptions::white_level; chosen when pixels are read (ChooseWhiteLevels)
@@ -74,7 +74,7 @@ struct SceneDescription {
   std::optional<std::string> label_property;
   bool has_likelihoods = false;
   bool mesh_has_labels = false;
-  std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
+  std::vector<std::string> files;     // every file of the scene that a job reads, relative to folder, sorted
   std::vector<SkippedImage> skipped;  // images without a view, if SceneLoadOptions::skip_images allows them
   int64_t unusable_images = 0;        // images whose files are missing or broken and are not skipped
 };

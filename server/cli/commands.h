@@ -13,7 +13,7 @@ inline constexpr int kExitFailed = 1;       // the work failed (a job failed, a 
 inline constexpr int kExitUsage = 2;        // wrong arguments
 inline constexpr int kExitBadInput = 3;     // the input is wrong; standard error names the file and the fault
 inline constexpr int kExitUnavailable = 4;  // no coordinator answers
-inline constexpr int kExitPartial = 5;      // all tiles are published, and some are quarantined
+inline constexpr int kExitPartial = 5;      // with quarantined tiles, or worse than its start
 inline constexpr int kExitCancelled = 130;  // Ctrl-C, or the job was cancelled
 
 // Each adds one subcommand to `app`. CLI11's callback runs the command and stores its exit code in *exit_code, which

@@ -31,7 +31,8 @@ WholeFit Whole(const std::vector<FitOfTile>& tiles, const Survey& survey) {
   }
   for (const auto& [view, change] : views) {
     if (!change.IsWorse()) continue;
-    const bool named = view >= 0 && view < static_cast<int32_t>(survey.views.size()) && !survey.views[view].name.empty();
+    const bool named =
+        view >= 0 && view < static_cast<int32_t>(survey.views.size()) && !survey.views[view].name.empty();
     whole.worse_images.emplace_back(named ? survey.views[view].name : absl::StrCat("number ", view), change);
   }
   return whole;
@@ -108,9 +109,8 @@ Warnings FitWarnings(const std::vector<FitOfTile>& tiles, const Survey& survey) 
   const WholeFit whole = Whole(tiles, survey);
   Warnings warnings;
   if (whole.all.IsWorse()) {
-    warnings.push_back(
-        absl::StrCat("the result fits the images worse than the start mesh: ", SharesText(whole.all),
-                     ": do not use it before tessera check finds no fault in poses, images and mesh"));
+    warnings.push_back(absl::StrCat("the result fits the images worse than the start mesh: ", SharesText(whole.all),
+                                    ": do not use it before tessera check finds no fault in poses, images and mesh"));
   }
   if (!whole.worse_tiles.empty()) {
     warnings.push_back(absl::StrCat("the images fit worse than at the start in ", whole.worse_tiles.size(),

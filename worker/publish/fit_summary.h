@@ -23,8 +23,8 @@ std::vector<FitOfTile> FitsOf(const std::vector<ReportedTile>& tiles);
 // JSON: patches, their shares above chance at the start and in the result, and the shares that became worse or better.
 std::string FitShares(const FitChange& change);
 
-// JSON, for report.json: FitShares of all tiles together, whether the result is worse as a whole (FitChange::IsWorse), and
-// the tiles and images where it is. Names of images are those of `survey`.
+// JSON, for report.json: FitShares of all tiles together, whether the result is worse as a whole (FitChange::IsWorse),
+// and the tiles and images where it is. Names of images are those of `survey`.
 std::string FitSummary(const std::vector<FitOfTile>& tiles, const Survey& survey);
 
 // A warning if the result is worse as a whole, one about the tiles where it is, and one about the images.

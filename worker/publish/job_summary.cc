@@ -109,20 +109,20 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
   const json shares_before = AreaShares(statistics.areas_before_m2_, statistics.total_before_m2_, survey.classes);
   const json shares_after = AreaShares(statistics.areas_after_m2_, statistics.total_after_m2_, survey.classes);
   json report = {{"scene", survey.scene_name},
-              {"gsd_m", survey.gsd_m},
-              {"views", survey.views.size()},
-              {"skipped_images", skipped},
-              {"classes", class_names},
-              {"input", {{"vertices", survey.input_vertices}, {"faces", survey.input_faces}}},
-              {"output", {{"vertices", lengths_m.size()}, {"faces", statistics.faces_}}},
-              {"displacement", DisplacementStatistics(lengths_m.values(), statistics.sum_squared_m2_)},
-              {"label_changes", statistics.label_changes_},
-              {"area_share_before", shares_before},
-              {"area_share_after", shares_after},
-              {"seams", SeamStatistics(tile_reports)},
-              {"fit_change", json::parse(FitSummary(fits, survey))},
-              {"tiles", tile_reports},
-              {"warnings", survey.warnings}};
+                 {"gsd_m", survey.gsd_m},
+                 {"views", survey.views.size()},
+                 {"skipped_images", skipped},
+                 {"classes", class_names},
+                 {"input", {{"vertices", survey.input_vertices}, {"faces", survey.input_faces}}},
+                 {"output", {{"vertices", lengths_m.size()}, {"faces", statistics.faces_}}},
+                 {"displacement", DisplacementStatistics(lengths_m.values(), statistics.sum_squared_m2_)},
+                 {"label_changes", statistics.label_changes_},
+                 {"area_share_before", shares_before},
+                 {"area_share_after", shares_after},
+                 {"seams", SeamStatistics(tile_reports)},
+                 {"fit_change", json::parse(FitSummary(fits, survey))},
+                 {"tiles", tile_reports},
+                 {"warnings", survey.warnings}};
   if (!survey.fit.empty()) {
     const json fit = json::parse(survey.fit, nullptr, /*allow_exceptions=*/false);
     if (!fit.is_discarded()) report["fit"] = fit;

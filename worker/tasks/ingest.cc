@@ -3,13 +3,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
+#include "common/check/check.h"
+#include "common/check/coverage.h"
+#include "common/check/fit_findings.h"
 #include "common/geometry/coarse_mesh.h"
 #include "common/geometry/repair.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
-#include "common/check/check.h"
-#include "common/check/coverage.h"
-#include "common/check/fit_findings.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
@@ -78,8 +78,8 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
 
 // Reports what CheckScene would report of a mesh, for meshes that it leaves to ingest. `fit` receives the fit.
 Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const MeshDefects& defects, double gsd_m,
-                      const std::string& scratch_folder, bool anyway, const TaskControl& control,
-                      Warnings* warnings, std::string* fit) {
+                      const std::string& scratch_folder, bool anyway, const TaskControl& control, Warnings* warnings,
+                      std::string* fit) {
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   WarnOfDefects(defects, warnings);
   const int64_t unlabelled = std::count(mesh.labels.values().begin(), mesh.labels.values().end(), -1);
@@ -116,9 +116,8 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   load.skip_images = parameters.skip_images;
   load.anyway = parameters.anyway;
   // Reports all errors at once.
-  TESSERA_ASSIGN_OR_RETURN(CheckedScene checked,
-                           CheckScene(InputPath(request, kSceneFolder), load, kMaxFacesInMemory, &outcome.warnings,
-                                      PartOf(control, 0, 0.3)));
+  TESSERA_ASSIGN_OR_RETURN(CheckedScene checked, CheckScene(InputPath(request, kSceneFolder), load, kMaxFacesInMemory,
+                                                            &outcome.warnings, PartOf(control, 0, 0.3)));
   SceneDescription& scene = checked.scene;
   const SceneSummary& summary = checked.summary;
   for (size_t v = 0; v < scene.views.size(); ++v) {
@@ -156,8 +155,8 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   }
   if (survey.input_faces > kMaxFacesInMemory) {
     outcome.warnings.insert(outcome.warnings.end(), of_large_mesh.begin(), of_large_mesh.end());
-    TESSERA_RETURN_IF_ERROR(
-        CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, parameters.anyway, control, &outcome.warnings, &survey.fit));
+    TESSERA_RETURN_IF_ERROR(CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, parameters.anyway, control,
+                                           &outcome.warnings, &survey.fit));
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
 

@@ -7,10 +7,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
+#include "common/check/check.h"
 #include "common/geometry/repair.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
-#include "common/check/check.h"
 #include "common/scene/photographs.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/scene.h"

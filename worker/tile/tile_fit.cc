@@ -10,8 +10,8 @@
 #include <utility>
 
 #include "common/base/parallel.h"
-#include "common/geometry/ray_caster.h"
 #include "common/check/patch_match.h"
+#include "common/geometry/ray_caster.h"
 #include "worker/photo/texels.h"
 
 namespace tessera {
@@ -208,10 +208,8 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
       const auto at_start = MatchPatch(reference, other, before, chosen[i]);
       const auto in_result = MatchPatch(reference, other, after, chosen[i]);
       if (!at_start || !in_result) return;
-      of_pair[i] = {{images.views[views.reference].id, images.views[views.other].id},
-                    before.position,
-                    *at_start,
-                    *in_result};
+      of_pair[i] = {
+          {images.views[views.reference].id, images.views[views.other].id}, before.position, *at_start, *in_result};
     });
     for (std::optional<Compared>& found : of_pair) {
       if (!found) continue;
@@ -226,7 +224,7 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
   for (const Compared& patch : compared) {
     const bool start = patch.start.correlation > *chance, end = patch.result.correlation > *chance;
     const double rise = patch.result.correlation - patch.start.correlation;
-    const FitChange change = {1, start, end, rise < -kChangedZncc, rise > kChangedZncc};
+    const FitChange change = {1, start, end, rise<-kChangedZncc, rise> kChangedZncc};
     fit.all.Add(change);
     for (const int32_t view : patch.views) fit.views[view].Add(change);
     fit.centre_m += patch.position;

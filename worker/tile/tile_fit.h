@@ -20,9 +20,9 @@ struct FitChange {
   int64_t lost = 0, gained = 0;   // those whose ZNCC fell, or rose, by more than 0.05
 
   void Add(const FitChange& other);
-  // Whether more patches were lost than chance explains, and more than one in a hundred. If refinement improved nothing,
-  // a patch would be lost or gained with equal probability: lost - gained has the standard deviation
-  // sqrt(lost + gained), of which four are exceeded once in 30,000 cases.
+  // Whether more patches were lost than chance explains, and more than one in a hundred. If refinement improved
+  // nothing, a patch would be lost or gained with equal probability: lost - gained has the standard deviation sqrt(lost
+  // + gained), of which four are exceeded once in 30,000 cases.
   bool IsWorse() const;
 };
 

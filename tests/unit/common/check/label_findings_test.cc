@@ -5,10 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <limits>
 
 #include "absl/strings/str_cat.h"
-#include "common/imaging/image_io.h"
 #include "common/check/check.h"
+#include "common/imaging/image_io.h"
 #include "tests/support/tiny_scene.h"
 
 namespace tessera {
@@ -145,9 +146,9 @@ TEST_F(LabelFindingsTest, FormsAreFoundOverAllFiles) {
     ASSERT_TRUE(WritePng(absl::StrCat(folder_, "/likelihoods/view", v, ".png"), labels).ok());
   }
   Warnings warnings;
-  const StatusOr<SceneSummary> summary = CheckSceneFolder(folder_, &warnings, {});
-  ASSERT_TRUE(summary.ok()) << summary.status();
-  EXPECT_EQ(summary->likelihood_form.first_id, 1);
+  const StatusOr<CheckedScene> checked = CheckScene(folder_, {}, std::numeric_limits<int64_t>::max(), &warnings, {});
+  ASSERT_TRUE(checked.ok()) << checked.status();
+  for (const SceneView& view : checked->scene.views) EXPECT_EQ(view.likelihood_form.first_id, 1) << view.name;
   EXPECT_THAT(warnings, testing::ElementsAre(HasSubstr("count from 1")));
   SceneDescription scene = LoadScene(folder_, nullptr).value();
   LikelihoodForm other;
