@@ -50,13 +50,14 @@ struct PosedCamera {
   }
 };
 
-// The supported camera models of COLMAP. The distorted and the undistorted image have the same size and the same fx,
-// fy, cx, cy: those of `pinhole`.
+// The supported camera models of COLMAP, and kBrown for imported cameras that COLMAP's models do not cover. The
+// distorted and the undistorted image have the same size and the same fx, fy, cx, cy: those of `pinhole`.
 struct LensModel {
-  enum class Kind { kPinhole, kSimpleRadial, kRadial, kOpenCv, kFullOpenCv };
+  enum class Kind { kPinhole, kSimpleRadial, kRadial, kOpenCv, kFullOpenCv, kBrown };
   Kind kind = Kind::kPinhole;
   PinholeCamera pinhole;
   // k1 k2 p1 p2 k3 k4 k5 k6 in the order of COLMAP and OpenCV; coefficients that a model does not have are zero.
+  // kBrown: k1 k2 p1 p2 k3 k4 skew, where k4 belongs to r^8; skew (pixels) times the distorted y/z is added to x.
   double coefficients[8] = {};
   bool operator==(const LensModel&) const = default;
 
