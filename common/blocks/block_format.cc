@@ -1,14 +1,20 @@
 #include "common/blocks/block_format.h"
 
-#include <array>
-
 #include "absl/strings/str_cat.h"
+#include "common/blocks/colmap_block.h"
+#include "common/blocks/foreign_blocks.h"
+#include "common/blocks/openmvs.h"
+#include "common/blocks/opensfm.h"
 
 namespace tessera {
 namespace {
 
 // A format whose content is a special case of another's comes first.
-constexpr std::array<BlockFormat, 0> kBlockFormats = {};
+constexpr BlockFormat kBlockFormats[] = {
+    {"opendronemap", "OpenDroneMap project, OpenSfM reconstruction", IsOpenSfm, ReadOpenSfm},
+    {"openmvs", "OpenMVS's interface (MVSI)", IsOpenMvs, ReadOpenMvs},
+    {"colmap", "COLMAP sparse model", IsColmapBlock, ReadColmapBlock},
+};
 
 }  // namespace
 
@@ -27,6 +33,8 @@ StatusOr<ImportedBlock> ReadBlock(const std::string& path, const std::optional<s
     return block;
   }
   if (format.has_value()) return InputError("--format", "", absl::StrCat("'", *format, "'"), names);
+  if (const std::optional<ForeignBlock> foreign = FindForeignBlock(path))
+    return InputError(path, "", foreign->name, foreign->remedy);
   return InputError(path, "", "no block of a known format", absl::StrCat("one of ", names));
 }
 

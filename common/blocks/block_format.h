@@ -14,6 +14,7 @@ namespace tessera {
 
 struct BlockReadOptions {
   int component = -1;  // the component to read; -1: the one with most images
+  std::string images_folder = {};  // where images lie, for formats that do not hold their sizes; may be empty
 };
 
 struct BlockFormat {
