@@ -3,12 +3,15 @@
 #include <array>
 
 #include "absl/strings/str_cat.h"
+#include "common/blocks/nvm.h"
 
 namespace tessera {
 namespace {
 
 // A format whose content is a special case of another's comes first.
-constexpr std::array<BlockFormat, 0> kBlockFormats = {};
+constexpr std::array kBlockFormats = {
+    BlockFormat{"nvm", "NVM of VisualSFM, COLMAP or OpenSfM", IsNvm, ReadNvm},
+};
 
 }  // namespace
 

@@ -14,6 +14,8 @@ namespace tessera {
 
 struct BlockReadOptions {
   int component = -1;  // the component to read; -1: the one with most images
+  // Of the photographs, for formats that state no image sizes; empty: they lie in the block's folder.
+  std::string images_folder;
 };
 
 struct BlockFormat {

@@ -15,6 +15,7 @@
 #include "tests/fuzz/image_target.h"
 #include "tests/fuzz/likelihoods_target.h"
 #include "tests/fuzz/npy_target.h"
+#include "tests/fuzz/nvm_target.h"
 #include "tests/fuzz/obj_target.h"
 #include "tests/fuzz/ply_target.h"
 #include "tests/fuzz/records_target.h"
@@ -41,6 +42,7 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"image", RunImageTarget},
     {"likelihoods", RunLikelihoodsTarget},
     {"npy", RunNpyTarget},
+    {"nvm", RunNvmTarget},
     {"obj", RunObjTarget},
     {"ply", RunPlyTarget},
     {"records", RunRecordsTarget},
