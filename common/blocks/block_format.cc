@@ -4,12 +4,14 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/blocks/nvm.h"
+#include "common/blocks/pix4d.h"
 
 namespace tessera {
 namespace {
 
 // A format whose content is a special case of another's comes first.
 constexpr std::array kBlockFormats = {
+    BlockFormat{"pix4d", "Pix4D's calibrated_camera_parameters.txt", IsPix4d, ReadPix4d},
     BlockFormat{"nvm", "NVM of VisualSFM, COLMAP or OpenSfM", IsNvm, ReadNvm},
 };
 

@@ -17,6 +17,7 @@
 #include "tests/fuzz/npy_target.h"
 #include "tests/fuzz/nvm_target.h"
 #include "tests/fuzz/obj_target.h"
+#include "tests/fuzz/pix4d_target.h"
 #include "tests/fuzz/ply_target.h"
 #include "tests/fuzz/records_target.h"
 #include "tests/fuzz/rpc_target.h"
@@ -44,6 +45,7 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"npy", RunNpyTarget},
     {"nvm", RunNvmTarget},
     {"obj", RunObjTarget},
+    {"pix4d", RunPix4dTarget},
     {"ply", RunPlyTarget},
     {"records", RunRecordsTarget},
     {"rpc", RunRpcTarget},
