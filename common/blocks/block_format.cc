@@ -5,6 +5,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/blocks/nvm.h"
 #include "common/blocks/pix4d.h"
+#include "common/blocks/realityscan.h"
 
 namespace tessera {
 namespace {
@@ -13,6 +14,8 @@ namespace {
 constexpr std::array kBlockFormats = {
     BlockFormat{"pix4d", "Pix4D's calibrated_camera_parameters.txt", IsPix4d, ReadPix4d},
     BlockFormat{"nvm", "NVM of VisualSFM, COLMAP or OpenSfM", IsNvm, ReadNvm},
+    BlockFormat{"realityscan", "RealityScan's XMP sidecars or table of camera parameters", IsRealityScan,
+                ReadRealityScan},
 };
 
 }  // namespace

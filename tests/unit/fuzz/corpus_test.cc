@@ -19,6 +19,7 @@
 #include "tests/fuzz/obj_target.h"
 #include "tests/fuzz/pix4d_target.h"
 #include "tests/fuzz/ply_target.h"
+#include "tests/fuzz/realityscan_target.h"
 #include "tests/fuzz/records_target.h"
 #include "tests/fuzz/rpc_target.h"
 #include "tests/fuzz/scene_json_target.h"
@@ -47,6 +48,7 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"obj", RunObjTarget},
     {"pix4d", RunPix4dTarget},
     {"ply", RunPlyTarget},
+    {"realityscan", RunRealityscanTarget},
     {"records", RunRecordsTarget},
     {"rpc", RunRpcTarget},
     {"scene_json", RunSceneJsonTarget},
