@@ -5,6 +5,9 @@
 #include "common/blocks/foreign_blocks.h"
 #include "common/blocks/openmvs.h"
 #include "common/blocks/opensfm.h"
+#include "common/blocks/nvm.h"
+#include "common/blocks/pix4d.h"
+#include "common/blocks/realityscan.h"
 
 namespace tessera {
 namespace {
@@ -14,6 +17,9 @@ constexpr BlockFormat kBlockFormats[] = {
     {"opendronemap", "OpenDroneMap project, OpenSfM reconstruction", IsOpenSfm, ReadOpenSfm},
     {"openmvs", "OpenMVS's interface (MVSI)", IsOpenMvs, ReadOpenMvs},
     {"colmap", "COLMAP sparse model", IsColmapBlock, ReadColmapBlock},
+    {"pix4d", "Pix4D's calibrated_camera_parameters.txt", IsPix4d, ReadPix4d},
+    {"nvm", "NVM of VisualSFM, COLMAP or OpenSfM", IsNvm, ReadNvm},
+    {"realityscan", "RealityScan's XMP sidecars or table of camera parameters", IsRealityScan, ReadRealityScan},
 };
 
 }  // namespace

@@ -15,8 +15,11 @@
 #include "tests/fuzz/image_target.h"
 #include "tests/fuzz/likelihoods_target.h"
 #include "tests/fuzz/npy_target.h"
+#include "tests/fuzz/nvm_target.h"
 #include "tests/fuzz/obj_target.h"
+#include "tests/fuzz/pix4d_target.h"
 #include "tests/fuzz/ply_target.h"
+#include "tests/fuzz/realityscan_target.h"
 #include "tests/fuzz/records_target.h"
 #include "tests/fuzz/rpc_target.h"
 #include "tests/fuzz/scene_json_target.h"
@@ -41,8 +44,11 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"image", RunImageTarget},
     {"likelihoods", RunLikelihoodsTarget},
     {"npy", RunNpyTarget},
+    {"nvm", RunNvmTarget},
     {"obj", RunObjTarget},
+    {"pix4d", RunPix4dTarget},
     {"ply", RunPlyTarget},
+    {"realityscan", RunRealityscanTarget},
     {"records", RunRecordsTarget},
     {"rpc", RunRpcTarget},
     {"scene_json", RunSceneJsonTarget},

@@ -1,0 +1,126 @@
+#include "common/blocks/block_entries.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/SVD>
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+#include "common/imaging/image_header.h"
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+std::vector<std::string> PathParts(std::string path) {
+  std::replace(path.begin(), path.end(), '\\', '/');
+  return absl::StrSplit(path, '/', absl::SkipEmpty());
+}
+
+// How many parts at their ends are equal.
+size_t CommonTail(const std::vector<std::string>& a, const std::vector<std::string>& b) {
+  size_t n = 0;
+  while (n < a.size() && n < b.size() && a[a.size() - 1 - n] == b[b.size() - 1 - n]) ++n;
+  return n;
+}
+
+}  // namespace
+
+StatusOr<std::string> PhotographFiles::Find(const std::string& path) {
+  const std::vector<std::string> parts = PathParts(path);
+  if (parts.empty()) return absl::NotFoundError("no file name");
+  const std::string slashes = absl::StrCat(path[0] == '/' || path[0] == '\\' ? "/" : "", absl::StrJoin(parts, "/"));
+  if (slashes[0] == '/' && FileExists(slashes)) return slashes;
+  if (slashes[0] != '/' && FileExists(absl::StrCat(folder_, "/", slashes))) return absl::StrCat(folder_, "/", slashes);
+  if (!images_folder_.empty()) {
+    StatusOr<std::string> found = SearchImagesFolder(parts);
+    if (found.ok() || !absl::IsNotFound(found.status())) return found;
+  }
+  for (size_t first = 0; first < parts.size(); ++first) {
+    const StatusOr<std::string> file =
+        JoinInside(folder_, absl::StrJoin(parts.begin() + static_cast<int64_t>(first), parts.end(), "/"));
+    if (file.ok() && FileExists(*file)) return *file;
+  }
+  return absl::NotFoundError(absl::StrCat("no file ", path));
+}
+
+StatusOr<std::string> PhotographFiles::SearchImagesFolder(const std::vector<std::string>& parts) {
+  if (!images_.has_value()) {
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> files, ListFiles(images_folder_));
+    images_.emplace();
+    for (const std::string& file : files) images_->emplace(PathParts(file).back(), file);
+  }
+  const auto [begin, end] = images_->equal_range(parts.back());
+  size_t most = 0;
+  std::vector<std::string> best;
+  for (auto it = begin; it != end; ++it) {
+    const size_t tail = CommonTail(parts, PathParts(it->second));
+    if (tail > most) best.clear();
+    if (tail >= most) best.push_back(it->second);
+    most = std::max(most, tail);
+  }
+  if (best.empty()) return absl::NotFoundError(absl::StrCat("no file ", parts.back(), " in ", images_folder_));
+  if (best.size() > 1) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(best.size(), " files of this name in ", images_folder_, ": ", best[0], ", ", best[1]));
+  }
+  return absl::StrCat(images_folder_, "/", best[0]);
+}
+
+StatusOr<ImageSize> PhotographFiles::SizeOf(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string file, Find(path));
+  TESSERA_ASSIGN_OR_RETURN(const ImageHeader header, ReadImageHeader(file));
+  return header.size;
+}
+
+LensModel BrownLens(const PinholeCamera& pinhole, const std::array<double, 4>& radial, double p1, double p2,
+                    double skew_px) {
+  using Kind = LensModel::Kind;
+  LensModel lens;
+  lens.pinhole = pinhole;
+  const double coefficients[8] = {radial[0], radial[1], p1, p2, radial[2], radial[3], skew_px, 0};
+  std::copy(std::begin(coefficients), std::end(coefficients), lens.coefficients);
+  const bool is_radial = p1 == 0 && p2 == 0 && pinhole.fx == pinhole.fy;
+  if (radial[3] != 0 || skew_px != 0) {
+    lens.kind = Kind::kBrown;
+  } else if (radial[2] != 0) {
+    lens.kind = Kind::kFullOpenCv;
+  } else if (radial[0] == 0 && radial[1] == 0 && p1 == 0 && p2 == 0) {
+    lens.kind = Kind::kPinhole;
+  } else {
+    lens.kind = !is_radial ? Kind::kOpenCv : radial[1] != 0 ? Kind::kRadial : Kind::kSimpleRadial;
+  }
+  return lens;
+}
+
+int SharedCameras::IndexOf(const LensModel& lens, const std::string& name) {
+  std::array<double, 15> key;
+  const PinholeCamera& p = lens.pinhole;
+  const double head[7] = {static_cast<double>(lens.kind),
+                          static_cast<double>(p.width),
+                          static_cast<double>(p.height),
+                          p.fx,
+                          p.fy,
+                          p.cx,
+                          p.cy};
+  std::copy(std::begin(head), std::end(head), key.begin());
+  std::copy(std::begin(lens.coefficients), std::end(lens.coefficients), key.begin() + 7);
+  const auto [it, is_new] = indices_.emplace(key, static_cast<int>(block_.cameras.size()));
+  if (is_new) block_.cameras.push_back({name, lens});
+  return it->second;
+}
+
+bool MakeRotation(Eigen::Matrix3d& matrix) {
+  const Eigen::Matrix3d error = matrix * matrix.transpose() - Eigen::Matrix3d::Identity();
+  if (!(error.cwiseAbs().maxCoeff() <= 1e-3) || !(matrix.determinant() > 0)) return false;
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  matrix = svd.matrixU() * svd.matrixV().transpose();
+  return true;
+}
+
+std::string_view WithoutByteOrderMark(std::string_view text) {
+  return text.starts_with("\xef\xbb\xbf") ? text.substr(3) : text;
+}
+
+}  // namespace tessera
