@@ -3,12 +3,15 @@
 #include <array>
 
 #include "absl/strings/str_cat.h"
+#include "common/blocks/blocks_exchange.h"
 
 namespace tessera {
 namespace {
 
 // A format whose content is a special case of another's comes first.
-constexpr std::array<BlockFormat, 0> kBlockFormats = {};
+constexpr auto kBlockFormats = std::to_array<BlockFormat>({
+    {"blocksexchange", "BlocksExchange of ContextCapture or iTwin Capture", IsBlocksExchange, ReadBlocksExchange},
+});
 
 }  // namespace
 
