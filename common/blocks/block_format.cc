@@ -4,6 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/blocks/blocks_exchange.h"
+#include "common/blocks/metashape.h"
 
 namespace tessera {
 namespace {
@@ -11,6 +12,7 @@ namespace {
 // A format whose content is a special case of another's comes first.
 constexpr auto kBlockFormats = std::to_array<BlockFormat>({
     {"blocksexchange", "BlocksExchange of ContextCapture or iTwin Capture", IsBlocksExchange, ReadBlocksExchange},
+    {"metashape", "cameras or project of PhotoScan or Metashape", IsMetashape, ReadMetashape},
 });
 
 }  // namespace

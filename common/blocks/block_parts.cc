@@ -62,7 +62,13 @@ void ChooseComponent(int wanted, const std::string& path, ImportedBlock* block, 
   for (const BlockImage& image : block->images) {
     if (image.oriented) ++images_of[image.component];
   }
-  if (images_of.empty()) return;
+  if (images_of.empty()) {
+    if (faults->empty()) {
+      faults->Add(InputError(path, "", absl::StrCat("no pose among ", block->images.size(), " images"),
+                             "a block that was aligned before its export"));
+    }
+    return;
+  }
   int chosen = wanted;
   if (wanted < 0) {
     chosen = std::max_element(images_of.begin(), images_of.end(), [](const auto& a, const auto& b) {
