@@ -64,6 +64,8 @@ struct ImportedBlock {
   // northing or latitude, height) in this order whatever the axes of the system are, in its units; geocentric ones are
   // (x, y, z).
   std::string crs;
+  // The system in which the program writes meshes, if it is another than `crs`; else empty.
+  std::string mesh_crs;
   // Added to positions of the block to get coordinates of the reference system. For formats that shift coordinates.
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   // The program adjusted in a map projection as if it were Cartesian (Pix4D).

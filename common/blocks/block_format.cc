@@ -1,11 +1,13 @@
 #include "common/blocks/block_format.h"
 
 #include "absl/strings/str_cat.h"
+#include "common/blocks/blocks_exchange.h"
 #include "common/blocks/colmap_block.h"
 #include "common/blocks/foreign_blocks.h"
+#include "common/blocks/metashape.h"
+#include "common/blocks/nvm.h"
 #include "common/blocks/openmvs.h"
 #include "common/blocks/opensfm.h"
-#include "common/blocks/nvm.h"
 #include "common/blocks/pix4d.h"
 #include "common/blocks/realityscan.h"
 
@@ -14,6 +16,8 @@ namespace {
 
 // A format whose content is a special case of another's comes first.
 constexpr BlockFormat kBlockFormats[] = {
+    {"blocksexchange", "BlocksExchange of ContextCapture or iTwin Capture", IsBlocksExchange, ReadBlocksExchange},
+    {"metashape", "cameras or project of PhotoScan or Metashape", IsMetashape, ReadMetashape},
     {"opendronemap", "OpenDroneMap project, OpenSfM reconstruction", IsOpenSfm, ReadOpenSfm},
     {"openmvs", "OpenMVS's interface (MVSI)", IsOpenMvs, ReadOpenMvs},
     {"colmap", "COLMAP sparse model", IsColmapBlock, ReadColmapBlock},
