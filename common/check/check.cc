@@ -40,6 +40,10 @@ std::string CrsText(const Crs& crs) {
       return absl::StrCat("UTM zone ", crs.zone, crs.north ? " north" : " south", " (WGS 84)");
     case Crs::Kind::kEcef:
       return "earth-centred (WGS 84)";
+    case Crs::Kind::kProjected:
+      return crs.vertical_epsg == 0
+                 ? absl::StrCat("map projection EPSG:", crs.epsg)
+                 : absl::StrCat("map projection EPSG:", crs.epsg, ", heights EPSG:", crs.vertical_epsg);
   }
   return "";
 }

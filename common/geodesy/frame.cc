@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "common/geodesy/reference_system.h"
 
 namespace tessera {
 namespace {
@@ -35,10 +36,20 @@ Status CheckCrs(const Crs& crs) {
                      crs.lon_rad * kDegreesPerRadian, ", height ", crs.height_m,
                      ", expected -90 to 90 degrees, -360 to 360 degrees, a finite height"));
   }
+  if (crs.kind == Crs::Kind::kProjected && !std::isfinite(crs.height_m)) {
+    return absl::InvalidArgumentError("crs: found a height of the geoid that is not finite, expected metres");
+  }
   return absl::OkStatus();
 }
 
 }  // namespace
+
+Status Frame::OpenSystem() {
+  TESSERA_ASSIGN_OR_RETURN(ReferenceSystem system, ReferenceSystem::Of(crs_));
+  TESSERA_RETURN_IF_ERROR(system.Locate(origin_.cwiseQuotient(system.units_m())));
+  system_ = std::make_shared<const ReferenceSystem>(std::move(system));
+  return absl::OkStatus();
+}
 
 Frame Frame::Of(const Crs& crs, const Eigen::Vector3d& origin_in_scene,
                 const Eigen::Matrix3d& rotation_local_from_scene) {
@@ -46,6 +57,8 @@ Frame Frame::Of(const Crs& crs, const Eigen::Vector3d& origin_in_scene,
   frame.crs_ = crs;
   frame.origin_ = origin_in_scene;
   frame.rotation_ = rotation_local_from_scene;
+  // Only GeodeticFromLocal needs the system, and reports why it is missing.
+  if (crs.kind == Crs::Kind::kProjected) frame.OpenSystem().IgnoreError();
   return frame;
 }
 
@@ -74,6 +87,7 @@ StatusOr<Frame> Frame::Around(const Crs& crs, const Eigen::Vector3d& point_in_sc
     frame.rotation_ = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(ecef_from_enu.data()).transpose();
     return frame;
   }
+  if (crs.kind == Crs::Kind::kProjected) TESSERA_RETURN_IF_ERROR(frame.OpenSystem());
   // Reject coordinates outside the coordinate system now: the report converts them only after all computations.
   const StatusOr<Eigen::Vector3d> geodetic = frame.GeodeticFromLocal(frame.LocalFromScene(point_in_scene));
   if (!geodetic.ok()) return geodetic.status();
@@ -82,6 +96,16 @@ StatusOr<Frame> Frame::Around(const Crs& crs, const Eigen::Vector3d& point_in_sc
 
 StatusOr<Eigen::Vector3d> Frame::GeodeticFromLocal(const Eigen::Vector3d& p_local) const {
   const Eigen::Vector3d p = SceneFromLocal(p_local);
+  if (crs_.kind == Crs::Kind::kProjected) {
+    if (system_ == nullptr) {
+      Frame other = *this;
+      const Status why = other.OpenSystem();
+      return why.ok() ? other.GeodeticFromLocal(p_local) : why;
+    }
+    Eigen::Vector3d geodetic = p.cwiseQuotient(system_->units_m());
+    TESSERA_RETURN_IF_ERROR(system_->ToGeodetic({&geodetic, 1}));
+    return geodetic;
+  }
   double lat_deg = 0, lon_deg = 0, height_m = 0;
   try {
     switch (crs_.kind) {
@@ -100,6 +124,8 @@ StatusOr<Eigen::Vector3d> Frame::GeodeticFromLocal(const Eigen::Vector3d& p_loca
       case Crs::Kind::kEcef:
         GeographicLib::Geocentric::WGS84().Reverse(p.x(), p.y(), p.z(), lat_deg, lon_deg, height_m);
         break;
+      case Crs::Kind::kProjected:
+        break;  // above
     }
   } catch (const GeographicLib::GeographicErr& error) {
     return absl::InvalidArgumentError(absl::StrCat("crs: coordinates (", p.x(), ", ", p.y(),

@@ -1,26 +1,36 @@
-// Coordinate systems of scenes, and the local metric frame of all computations. Uses GeographicLib.
+// Coordinate systems of scenes, and the local metric frame of all computations. Uses GeographicLib, and
+// PROJ for projected systems.
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <string>
 
 #include "common/base/status.h"
 
 namespace tessera {
 
+class ReferenceSystem;
+
 // Coordinate reference system of a scene ("crs" in scene.json).
 struct Crs {
-  enum class Kind { kLocal, kEnu, kUtm, kEcef };
+  enum class Kind { kLocal, kEnu, kUtm, kEcef, kProjected };  // surveys store the number
   Kind kind = Kind::kLocal;
-  double lat_rad = 0, lon_rad = 0, height_m = 0;  // kEnu: WGS 84 origin
-  int zone = 0;                                   // kUtm
-  bool north = true;                              // kUtm
+  // kEnu: WGS 84 origin. kProjected: height_m is added to heights to get heights above the WGS 84 ellipsoid, if it is
+  // not 0; `vertical_epsg` then only names the datum.
+  double lat_rad = 0, lon_rad = 0, height_m = 0;
+  int zone = 0;       // kUtm
+  bool north = true;  // kUtm
+  // kProjected: codes of the map projection and the vertical datum (0: heights are above the WGS 84 ellipsoid).
+  // Coordinates are easting, northing and height in metres, also where the system has other units.
+  int epsg = 0, vertical_epsg = 0;
   bool operator==(const Crs&) const = default;
 };
 
 // Rigid transform between the scene's coordinates and the local frame: p_local = rotation (p_scene − origin). For
-// local, enu and utm, the rotation is the identity and each coordinate of the origin is a multiple of 1,024 m near the
-// scene, so that the subtraction does not round. For ecef, the local frame is east-north-up at a point near the scene.
+// local, enu, utm and projected, the rotation is the identity and each coordinate of the origin is a multiple of 1,024
+// m near the scene, so that the subtraction does not round. For ecef, the local frame is east-north-up at a point near
+// the scene.
 class Frame {
  public:
   Frame() = default;  // the identity
@@ -41,7 +51,11 @@ class Frame {
   StatusOr<Eigen::Vector3d> GeodeticFromLocal(const Eigen::Vector3d& p_local) const;
 
  private:
+  // Opens system_ around the origin, for kProjected.
+  Status OpenSystem();
+
   Crs crs_;
+  std::shared_ptr<const ReferenceSystem> system_;  // kProjected; null if it could not be opened
   Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
   Eigen::Matrix3d rotation_ = Eigen::Matrix3d::Identity();
 };

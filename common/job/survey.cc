@@ -187,6 +187,10 @@ static void from_json(const json& j, SceneClass& c) {
 static void to_json(json& j, const Crs& crs) {
   j = {{"kind", static_cast<int>(crs.kind)}, {"lat_rad", crs.lat_rad}, {"lon_rad", crs.lon_rad},
        {"height_m", crs.height_m},           {"zone", crs.zone},       {"north", crs.north}};
+  if (crs.kind == Crs::Kind::kProjected) {
+    j["epsg"] = crs.epsg;
+    j["vertical_epsg"] = crs.vertical_epsg;
+  }
 }
 static void from_json(const json& j, Crs& crs) {
   crs = {static_cast<Crs::Kind>(j.at("kind").get<int>()),
@@ -194,7 +198,9 @@ static void from_json(const json& j, Crs& crs) {
          j.at("lon_rad"),
          j.at("height_m"),
          j.at("zone"),
-         j.at("north")};
+         j.at("north"),
+         j.value("epsg", 0),
+         j.value("vertical_epsg", 0)};
 }
 
 static void to_json(json& j, const SurveyCell& cell) {
@@ -240,6 +246,7 @@ static void from_json(const json& j, Survey& s) {
   s.classifier = j.value("classifier", std::string());
   s.borders = BordersFromArray(j.at("borders"), static_cast<int>(s.classes.size()));
   s.has_labels = j.at("has_labels");
+  s.source = j.value("source", std::string());
   s.fit = j.value("fit", std::string());
   s.crs = j.at("crs");
   s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));
@@ -282,6 +289,7 @@ Survey WithoutNames(Survey survey) {
   survey.label_property.reset();
   survey.flights.clear();
   survey.warnings.clear();
+  survey.source.clear();
   survey.fit.clear();
   survey.skipped_images.clear();
   survey.revision.reset();
@@ -331,6 +339,7 @@ std::string SurveyToJson(const Survey& s) {
               {"faces", s.faces},
               {"warnings", s.warnings}};
   if (!s.classifier.empty()) out["classifier"] = s.classifier;
+  if (!s.source.empty()) out["source"] = s.source;
   if (!s.fit.empty()) out["fit"] = s.fit;
   if (s.label_property) out["label_property"] = *s.label_property;
   if (!s.skipped_images.empty()) out["skipped_images"] = s.skipped_images;

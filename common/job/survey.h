@@ -62,6 +62,7 @@ struct Survey {
   int64_t input_vertices = 0, input_faces = 0;  // of the scene's mesh file
   int64_t vertices = 0, faces = 0;              // after repair and splitting
   std::optional<MeshRevision> revision;         // only for updates with another mesh than their base
+  std::string source;                           // of an imported scene (SceneSourceToJson); empty: none
   // How images, poses and start mesh fit (FitTableToJson), of the base job in an update. Empty: not measured.
   std::string fit;
   Warnings warnings;

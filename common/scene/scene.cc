@@ -51,6 +51,7 @@ class SceneLoader {
     json_ = ParseSceneFile(*text, file, &faults_);
     scene_.name = json_.name.empty() ? fs::path(scene_.folder).filename().string() : json_.name;
     scene_.up_in_local = Eigen::Vector3d::UnitZ();
+    scene_.source = json_.source;
     scene_.label_property = json_.label_property;
     scene_.files.push_back(fs::path(file).filename().string());
     LoadCameras();

@@ -59,12 +59,21 @@ struct SkippedImage {
   std::string name, reason;
 };
 
+// Where an imported scene comes from ("source" in scene.json), to bring results back to it.
+struct SceneSource {
+  std::string crs;  // of the source, as PROJ reads it, or ENU:LAT,LON[,H]; empty: local
+  Eigen::Vector3d offset = Eigen::Vector3d::Zero();  // added to coordinates of the source's files, in units of crs
+  std::vector<std::string> tiles;                    // names of the mesh's tiles; empty: one mesh
+  bool operator==(const SceneSource&) const = default;
+};
+
 // A scene without its pixels and its mesh.
 struct SceneDescription {
   std::string folder;  // paths below are relative to it
   std::string name;
   std::vector<SceneClass> classes;
   std::vector<Flight> flights;
+  std::optional<SceneSource> source = {};
   Frame frame;                   // transform between scene coordinates and the local metric frame
   Eigen::Vector3d up_in_local;   // unit vector
   std::vector<SceneView> views;  // by ascending COLMAP image id

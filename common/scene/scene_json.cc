@@ -16,6 +16,8 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr double kRadiansPerDegree = std::numbers::pi / 180;
+constexpr int kMaxEpsg = 999999;
+constexpr size_t kMaxCrsBytes = 65536;
 
 std::string Excerpt(const Json& value) {
   const std::string text = value.dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -195,9 +197,10 @@ void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faul
   }
   ObjectReader in(value, "crs", file, faults);
   std::string type;
-  if (!in.String("type", &type) || (type != "local" && type != "enu" && type != "utm" && type != "ecef")) {
+  if (!in.String("type", &type) ||
+      (type != "local" && type != "enu" && type != "utm" && type != "ecef" && type != "projected")) {
     faults->Add(InputError(file, "crs.type", type.empty() ? "nothing" : absl::StrCat("'", type, "'"),
-                           "local, enu, utm or ecef"));
+                           "local, enu, utm, ecef or projected"));
     return;
   }
   const auto require = [&](const char* key, bool found) {
@@ -230,8 +233,62 @@ void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faul
     }
   } else if (type == "ecef") {
     crs->kind = Crs::Kind::kEcef;
+  } else if (type == "projected") {
+    crs->kind = Crs::Kind::kProjected;
+    const auto code = [&](const char* key, int* out) {
+      double number = 0;
+      const bool found = in.Number(key, 1, kMaxEpsg, &number);
+      if (found && number != std::floor(number)) in.Fault(key, number, "a whole number");
+      *out = static_cast<int>(number);
+      return found;
+    };
+    require("epsg", code("epsg", &crs->epsg));
+    code("vertical", &crs->vertical_epsg);
+    in.Number("geoid_height_m", -1000, 1000, &crs->height_m);
   }
   in.RejectUnknownKeys();
+}
+
+void ParseSource(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
+  if (!value.is_object()) {
+    faults->Add(InputError(file, "source", Excerpt(value), "an object with crs, offset and tiles"));
+    return;
+  }
+  ObjectReader in(value, "source", file, faults);
+  SceneSource source;
+  if (in.String("crs", &source.crs) && source.crs.size() > kMaxCrsBytes) {
+    in.Fault("crs", source.crs, absl::StrCat("at most ", kMaxCrsBytes, " bytes"));
+  }
+  if (const Json* offset = in.Find("offset"); offset != nullptr) {
+    bool good = offset->is_array() && offset->size() == 3;
+    for (int k = 0; good && k < 3; ++k) {
+      good = (*offset)[k].is_number();
+      if (good) source.offset[k] = (*offset)[k].get<double>();
+    }
+    if (!good) in.Fault("offset", *offset, "three numbers");
+  }
+  if (const Json* tiles = in.Find("tiles"); tiles != nullptr) {
+    bool good = tiles->is_array();
+    for (size_t k = 0; good && k < tiles->size(); ++k) {
+      good = (*tiles)[k].is_string() && !(*tiles)[k].get_ref<const std::string&>().empty();
+      if (good) source.tiles.push_back((*tiles)[k].get<std::string>());
+    }
+    if (!good) in.Fault("tiles", *tiles, "a list of names");
+  }
+  in.RejectUnknownKeys();
+  scene->source = std::move(source);
+}
+
+// A number of degrees that reading turns into `angle_rad` again; a short one, if there is one.
+double DegreesOf(double angle_rad) {
+  const double angle_deg = angle_rad / kRadiansPerDegree;
+  const double rounded_deg = std::round(angle_deg * 1e9) / 1e9;
+  if (rounded_deg * kRadiansPerDegree == angle_rad) return rounded_deg;
+  for (const double end : {-1e3, 1e3}) {
+    const double neighbour_deg = std::nextafter(angle_deg, end);
+    if (neighbour_deg * kRadiansPerDegree == angle_rad) return neighbour_deg;
+  }
+  return angle_deg;
 }
 
 void ParseUp(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
@@ -353,10 +410,42 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
   if (const Json* value = in.Find("label_property")) ParseLabelProperty(*value, file, &scene, faults);
   if (const Json* value = in.Find("classes")) ParseClasses(*value, file, &scene, faults);
   if (const Json* value = in.Find("crs")) ParseCrs(*value, file, &scene.crs, faults);
+  if (const Json* value = in.Find("source")) ParseSource(*value, file, &scene, faults);
   if (const Json* value = in.Find("up")) ParseUp(*value, file, &scene, faults);
   if (const Json* value = in.Find("flights")) ParseFlights(*value, file, &scene, faults);
   in.RejectUnknownKeys();
   return scene;
+}
+
+std::string CrsToJson(const Crs& crs) {
+  switch (crs.kind) {
+    case Crs::Kind::kLocal:
+      break;
+    case Crs::Kind::kEnu:
+      return Json{{"type", "enu"},
+                  {"lat_deg", DegreesOf(crs.lat_rad)},
+                  {"lon_deg", DegreesOf(crs.lon_rad)},
+                  {"height_m", crs.height_m}}
+          .dump();
+    case Crs::Kind::kUtm:
+      return Json{{"type", "utm"}, {"zone", crs.zone}, {"north", crs.north}}.dump();
+    case Crs::Kind::kEcef:
+      return Json{{"type", "ecef"}}.dump();
+    case Crs::Kind::kProjected: {
+      Json json = {{"type", "projected"}, {"epsg", crs.epsg}};
+      if (crs.vertical_epsg != 0) json["vertical"] = crs.vertical_epsg;
+      if (crs.height_m != 0) json["geoid_height_m"] = crs.height_m;
+      return json.dump();
+    }
+  }
+  return Json{{"type", "local"}}.dump();
+}
+
+std::string SceneSourceToJson(const SceneSource& source) {
+  const Json json = {{"crs", source.crs},
+                     {"offset", {source.offset.x(), source.offset.y(), source.offset.z()}},
+                     {"tiles", source.tiles}};
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 }  // namespace tessera

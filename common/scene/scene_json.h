@@ -32,6 +32,7 @@ struct SceneFile {
   std::vector<SceneClass> classes;            // default: KnownClasses()
   bool classes_given = false;
   Crs crs;
+  std::optional<SceneSource> source;  // written by tessera import
   std::optional<Eigen::Vector3d> up;  // unit vector, scene coordinates
   std::vector<FlightEntry> flights;   // default: one flight with all images
 };
@@ -46,5 +47,9 @@ const std::vector<SceneClass>& KnownClasses();
 // column; unknown keys (else typing errors would be ignored); values of a wrong type or out of range, each with its
 // key.
 SceneFile ParseSceneFile(const std::string& text, const std::string& file, Faults* faults);
+
+// The JSON texts of `crs` and `source` in scene.json. Reading them gives equal values.
+std::string CrsToJson(const Crs& crs);
+std::string SceneSourceToJson(const SceneSource& source);
 
 }  // namespace tessera

@@ -12,6 +12,7 @@
 #include "common/job/task_parameters.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
+#include "common/scene/scene_json.h"
 #include "common/storage/files.h"
 #include "worker/city/cell_views.h"
 #include "worker/city/city_file.h"
@@ -182,6 +183,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   survey.has_likelihoods = scene.has_likelihoods;
   survey.borders = scene.has_likelihoods ? summary.borders : BorderTrusts(static_cast<int>(scene.classes.size()));
   survey.crs = scene.frame.crs();
+  if (scene.source) survey.source = SceneSourceToJson(*scene.source);
   survey.origin_in_scene = scene.frame.origin_in_scene();
   survey.rotation_local_from_scene = scene.frame.rotation_local_from_scene();
   survey.vertices = static_cast<int64_t>(mesh.vertices.size());

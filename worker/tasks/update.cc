@@ -14,6 +14,7 @@
 #include "common/scene/photographs.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
+#include "common/scene/scene_json.h"
 #include "common/storage/files.h"
 #include "worker/city/disk_mesh.h"
 #include "worker/city/local_grid.h"
@@ -200,6 +201,7 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
     survey.mesh_path = scene.mesh_path;
     survey.label_property = scene.label_property;
   }
+  if (scene.source) survey.source = SceneSourceToJson(*scene.source);
   for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
   TESSERA_RETURN_IF_ERROR(FillPhotographs(known_images, control, &scene, &outcome.warnings));
   FindForms(survey, files, &scene, &outcome.warnings);
