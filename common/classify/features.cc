@@ -171,17 +171,6 @@ int FeatureCount() {
   return AppearanceFeatureCount() + kMeshSingle + static_cast<int>(kMeshLevels.size()) * kMeshPerLevel;
 }
 
-Eigen::Vector2d UndistortPosition(const LensModel& lens, const Eigen::Vector2d& distorted) {
-  if (lens.kind == LensModel::Kind::kPinhole) return distorted;
-  Eigen::Vector2d p = distorted;
-  for (int i = 0; i < 20; ++i) {
-    const Eigen::Vector2d error = lens.Distort(p) - distorted;
-    p -= error;
-    if (!(error.squaredNorm() > 1e-6)) break;
-  }
-  return p.allFinite() ? p : distorted;
-}
-
 struct ImageFeatures::Planes {
   cv::Mat channels;
   std::array<cv::Mat, kLevels> levels;
@@ -209,7 +198,7 @@ ImageFeatures::ImageFeatures(const ByteImage& rgb, const SceneView& view, const 
   for (int y = 0; y < height; ++y) {
     MeshPixel* row = mesh.ptr<MeshPixel>(y);
     for (int x = 0; x < width; ++x) {
-      const Eigen::Vector2d p = UndistortPosition(view.lens, {x + 0.5, y + 0.5});
+      const Eigen::Vector2d p = view.lens.Undistort({x + 0.5, y + 0.5});
       MeshSurface::SurfaceHit& hit = planes.hits[static_cast<size_t>(y) * width + x];
       hit = surface->Cast(centre, view.camera.Ray(p.x(), p.y()));
       if (!hit.hit) {

@@ -37,7 +37,4 @@ class ImageFeatures {
   std::unique_ptr<Planes> planes_;
 };
 
-// The inverse of LensModel::Distort by fixed-point iteration: the undistorted position of a distorted one, pixels.
-Eigen::Vector2d UndistortPosition(const LensModel& lens, const Eigen::Vector2d& distorted);
-
 }  // namespace tessera

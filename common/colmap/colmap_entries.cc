@@ -11,6 +11,8 @@
 namespace tessera {
 namespace {
 
+constexpr int kTextOnly = -1;
+
 // COLMAP 4 has the models from id 12.
 constexpr ColmapCameraModel kModels[] = {
     {0, "SIMPLE_PINHOLE", 3, "f cx cy"},
@@ -31,6 +33,8 @@ constexpr ColmapCameraModel kModels[] = {
     {15, "FISHEYE", 4, nullptr},
     {16, "EUCM", 6, nullptr},
     {17, "EQUIRECTANGULAR", 2, nullptr},
+    // Not of COLMAP: LensModel::Kind::kBrown, in text files only.
+    {kTextOnly, "TESSERA_BROWN", 11, "fx fy cx cy k1 k2 p1 p2 k3 k4 skew"},
 };
 constexpr char kSupported[] =
     "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV or FULL_OPENCV: undistort the images with 'colmap "
@@ -83,7 +87,7 @@ StatusOr<LensModel> LensOf(const ColmapLocation& location, uint32_t id, const Co
   lens.pinhole.width = static_cast<int>(width);
   lens.pinhole.height = static_cast<int>(height);
   const std::string name = model->name;
-  const bool two_focal_lengths = name == "PINHOLE" || name == "OPENCV" || name == "FULL_OPENCV";
+  const bool two_focal_lengths = std::string(model->order).starts_with("fx");
   size_t next = two_focal_lengths ? 2 : 1;
   lens.pinhole.fx = p[0];
   lens.pinhole.fy = two_focal_lengths ? p[1] : p[0];
@@ -100,7 +104,8 @@ StatusOr<LensModel> LensOf(const ColmapLocation& location, uint32_t id, const Co
     lens.kind = name == "SIMPLE_RADIAL" ? LensModel::Kind::kSimpleRadial
                 : name == "RADIAL"      ? LensModel::Kind::kRadial
                 : name == "OPENCV"      ? LensModel::Kind::kOpenCv
-                                        : LensModel::Kind::kFullOpenCv;
+                : name == "FULL_OPENCV" ? LensModel::Kind::kFullOpenCv
+                                        : LensModel::Kind::kBrown;
   }
   return lens;
 }
@@ -116,7 +121,7 @@ const ColmapCameraModel* FindColmapCameraModel(const std::string& name) {
 
 const ColmapCameraModel* FindColmapCameraModel(int id) {
   for (const ColmapCameraModel& model : kModels) {
-    if (id == model.id) return &model;
+    if (id == model.id && id != kTextOnly) return &model;
   }
   return nullptr;
 }

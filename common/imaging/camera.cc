@@ -18,4 +18,15 @@ Eigen::Vector2d LensModel::Distort(const Eigen::Vector2d& p) const {
   return {pinhole.fx * du + skew * dv + pinhole.cx, pinhole.fy * dv + pinhole.cy};
 }
 
+Eigen::Vector2d LensModel::Undistort(const Eigen::Vector2d& p) const {
+  if (kind == Kind::kPinhole) return p;
+  Eigen::Vector2d undistorted = p;
+  for (int i = 0; i < 20; ++i) {
+    const Eigen::Vector2d error = Distort(undistorted) - p;
+    undistorted -= error;
+    if (!(error.squaredNorm() > 1e-6)) break;
+  }
+  return undistorted.allFinite() ? undistorted : p;
+}
+
 }  // namespace tessera

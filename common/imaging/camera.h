@@ -63,6 +63,8 @@ struct LensModel {
 
   // The position in the distorted image of position `p` in the undistorted image; both in pixels.
   Eigen::Vector2d Distort(const Eigen::Vector2d& p) const;
+  // The inverse, by fixed-point iteration to 0.001 px; `p` itself where it does not converge to a finite position.
+  Eigen::Vector2d Undistort(const Eigen::Vector2d& p) const;
 };
 
 }  // namespace tessera

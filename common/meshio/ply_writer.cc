@@ -1,8 +1,6 @@
-#include <fcntl.h>
 #include <unistd.h>
 
 #include <bit>
-#include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <limits>
@@ -10,65 +8,13 @@
 #include "absl/strings/str_cat.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
+#include "common/storage/new_file.h"
 #include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace {
 
 static_assert(std::endian::native == std::endian::little);
-
-constexpr size_t kBufferBytes = size_t{1} << 20;
-
-// Buffered writing of a new file; the destructor removes the file unless Finish succeeded.
-class NewFile {
- public:
-  explicit NewFile(const std::string& path)
-      : path_(path), fd_(open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666)) {
-    if (fd_ < 0) status_ = FileError(errno, path_);
-    buffer_.reserve(kBufferBytes);
-  }
-  ~NewFile() {
-    if (fd_ < 0) return;
-    close(fd_);
-    unlink(path_.c_str());
-  }
-  NewFile(const NewFile&) = delete;
-  NewFile& operator=(const NewFile&) = delete;
-
-  void Add(const void* data, size_t size) {
-    if (buffer_.size() + size > kBufferBytes) Flush();
-    if (!ok()) return;
-    buffer_.append(static_cast<const char*>(data), size);
-  }
-  bool ok() const { return status_.ok(); }
-
-  // Flushes and syncs the file, and keeps it.
-  Status Finish() {
-    Flush();
-    if (ok() && fsync(fd_) != 0) Fail();
-    if (!ok()) return status_;
-    const int fd = fd_;
-    fd_ = -1;
-    if (close(fd) != 0) {
-      Fail();
-      unlink(path_.c_str());
-    }
-    return status_;
-  }
-
- private:
-  void Fail() { status_ = FileError(errno, path_); }
-
-  void Flush() {
-    if (ok()) status_ = WriteAll(fd_, buffer_, path_);
-    buffer_.clear();
-  }
-
-  std::string path_;
-  int fd_;
-  std::string buffer_;
-  Status status_;
-};
 
 Status CheckMesh(const TriangleMesh& mesh, const PlyWriteOptions& options) {
   for (const auto& [values, what] :

@@ -142,6 +142,11 @@ LensModel Lens(const TinySceneOptions& options, const PinholeCamera& pinhole) {
   lens.coefficients[0] = options.k1;
   lens.coefficients[1] = options.k2;
   if (options.k1 != 0 || options.k2 != 0) lens.kind = LensModel::Kind::kOpenCv;
+  if (options.k4 != 0 || options.skew_px != 0) {
+    lens.kind = LensModel::Kind::kBrown;
+    lens.coefficients[5] = options.k4;
+    lens.coefficients[6] = options.skew_px;
+  }
   return lens;
 }
 
@@ -206,9 +211,13 @@ std::string NpyOf(const ByteImage& pages) {
 void WriteColmap(const std::string& folder, const TinySceneOptions& options, const TinyScene& scene) {
   char line[512];
   std::string cameras = "# one camera for all\n", images = "# two lines an image\n", points;
-  std::snprintf(line, sizeof line, "1 OPENCV %d %d %.17g %.17g %.17g %.17g %.17g %.17g 0 0\n", kWidth, kHeight,
-                kFocal_px, kFocal_px, kWidth / 2.0, kHeight / 2.0, options.k1, options.k2);
+  const bool is_brown = options.k4 != 0 || options.skew_px != 0;
+  std::snprintf(line, sizeof line, "1 %s %d %d %.17g %.17g %.17g %.17g %.17g %.17g 0 0",
+                is_brown ? "TESSERA_BROWN" : "OPENCV", kWidth, kHeight, kFocal_px, kFocal_px, kWidth / 2.0,
+                kHeight / 2.0, options.k1, options.k2);
   cameras += line;
+  if (is_brown) absl::StrAppend(&cameras, " 0 ", options.k4, " ", options.skew_px);
+  cameras += "\n";
   std::map<size_t, std::string> tracks;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     const PosedCamera& camera = scene.cameras[i];

@@ -23,8 +23,10 @@ struct TinySceneOptions {
   // 4 x 12 x 16 m of class roof all over, 6 m from the box, and four more views that look past it at the side behind
   // it.
   bool tower = false;
-  int finer = 1;          // times the pixels a side; of MakeTinyScene alone
-  double k1 = 0, k2 = 0;  // OPENCV distortion of the photographs
+  int finer = 1;  // times the pixels a side; of MakeTinyScene alone
+  // OPENCV distortion of the photographs; with the second row, TESSERA_BROWN.
+  double k1 = 0, k2 = 0;
+  double k4 = 0, skew_px = 0;
 };
 
 struct TinyScene {

@@ -169,19 +169,5 @@ TEST(FeaturesTest, MeshFeaturesMatchTheMesh) {
   for (const int of_class : seen) EXPECT_GT(of_class, 100);
 }
 
-TEST(FeaturesTest, UndistortPositionInvertsDistort) {
-  LensModel lens;
-  lens.kind = LensModel::Kind::kOpenCv;
-  lens.pinhole = {160, 120, 150, 150, 80, 60};
-  lens.coefficients[0] = -0.1;
-  lens.coefficients[1] = 0.02;
-  for (double y = 0.5; y < 120; y += 17) {
-    for (double x = 0.5; x < 160; x += 13) {
-      const Eigen::Vector2d p(x, y);
-      EXPECT_LT((UndistortPosition(lens, lens.Distort(p)) - p).norm(), 0.01);
-    }
-  }
-}
-
 }  // namespace
 }  // namespace tessera

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "common/base/random.h"
+#include "common/colmap/colmap_entries.h"
 
 namespace tessera {
 namespace {
@@ -51,6 +52,18 @@ TEST(ColmapTextTest, ReadsEveryModel) {
   EXPECT_EQ(model.cameras[5].coefficients[3], 0.4);
   for (int k = 0; k < 8; ++k) EXPECT_DOUBLE_EQ(model.cameras[6].coefficients[k], 0.1 * (k + 1));
   EXPECT_EQ(model.cameras[7].kind, LensModel::Kind::kPinhole);  // nothing to undistort
+}
+
+// Of an imported camera that COLMAP's models do not cover. Binary models have no id for it.
+TEST(ColmapTextTest, ReadsTesseraBrown) {
+  CalibratedImages model;
+  EXPECT_THAT(TextFaults("1 TESSERA_BROWN 640 480 500 510 320 240 0.1 0.2 0.3 0.4 0.5 0.6 0.7\n", "", "", &model),
+              IsEmpty());
+  ASSERT_EQ(model.cameras.size(), 1u);
+  EXPECT_EQ(model.cameras[1].kind, LensModel::Kind::kBrown);
+  EXPECT_EQ(model.cameras[1].pinhole, (PinholeCamera{640, 480, 500, 510, 320, 240}));
+  for (int k = 0; k < 7; ++k) EXPECT_DOUBLE_EQ(model.cameras[1].coefficients[k], 0.1 * (k + 1));
+  EXPECT_EQ(FindColmapCameraModel(-1), nullptr);
 }
 
 TEST(ColmapTextTest, ReadsImagesAndPoints) {

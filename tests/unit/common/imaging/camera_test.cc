@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 namespace tessera {
 namespace {
 
@@ -44,6 +46,34 @@ TEST(LensModelTest, TermsEqualColmaps) {
   expect({0, 0, 0, 0, 0, 0.4}, 0.5 / (1 + 0.4 * r2), 0.25 / (1 + 0.4 * r2));
   expect({0, 0, 0, 0, 0, 0, 0.4}, 0.5 / (1 + 0.4 * r2 * r2), 0.25 / (1 + 0.4 * r2 * r2));
   expect({0, 0, 0, 0, 0, 0, 0, 0.4}, 0.5 / (1 + 0.4 * r2 * r2 * r2), 0.25 / (1 + 0.4 * r2 * r2 * r2));
+}
+
+// Brown's model as photogrammetry states it (Brown 1971; Agisoft's manual): powers of the radius, then the tangential
+// terms, then x + skew.
+TEST(LensModelTest, BrownHasFourRadialTermsAndSkew) {
+  LensModel lens = Model({-0.2, 0.11, 0.004, -0.003, -0.05, 0.09, 1.7});
+  lens.kind = LensModel::Kind::kBrown;
+  for (const Eigen::Vector2d& p : {Eigen::Vector2d(20, 700), Eigen::Vector2d(990, 30), Eigen::Vector2d(400, 410)}) {
+    const double x = (p.x() - 510) / 900, y = (p.y() - 390) / 950, r = std::hypot(x, y);
+    const double factor =
+        1 - 0.2 * std::pow(r, 2) + 0.11 * std::pow(r, 4) - 0.05 * std::pow(r, 6) + 0.09 * std::pow(r, 8);
+    const double xd = x * factor + 2 * 0.004 * x * y - 0.003 * (r * r + 2 * x * x);
+    const double yd = y * factor + 0.004 * (r * r + 2 * y * y) - 2 * 0.003 * x * y;
+    const Eigen::Vector2d q = lens.Distort(p);
+    EXPECT_NEAR(q.x(), 510 + 900 * xd + 1.7 * yd, 1e-10);
+    EXPECT_NEAR(q.y(), 390 + 950 * yd, 1e-10);
+  }
+}
+
+TEST(LensModelTest, UndistortInvertsDistort) {
+  for (const LensModel::Kind kind : {LensModel::Kind::kOpenCv, LensModel::Kind::kBrown}) {
+    LensModel lens = Model({-0.2, 0.11, 0.004, -0.003});
+    lens.kind = kind;
+    if (kind == LensModel::Kind::kBrown) lens.coefficients[5] = 0.09, lens.coefficients[6] = 1.7;
+    for (const Eigen::Vector2d& p : {Eigen::Vector2d(20, 700), Eigen::Vector2d(990, 30), Eigen::Vector2d(510, 390)}) {
+      EXPECT_LT((lens.Undistort(lens.Distort(p)) - p).norm(), 0.01);
+    }
+  }
 }
 
 }  // namespace

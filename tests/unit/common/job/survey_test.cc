@@ -42,11 +42,14 @@ TEST(Survey, KeepsHowPhotographsAreRead) {
   survey.views[0].mask_path = "masks/a.png";
   survey.views[0].masked = true;
   survey.views[0].white_level = 4095;
+  survey.views[0].lens.kind = LensModel::Kind::kBrown;
+  survey.views[0].lens.coefficients[6] = 1.0 / 3;
   const StatusOr<Survey> parsed = ParseSurvey(SurveyToJson(survey));
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_EQ(parsed->views[0].mask_path, "masks/a.png");
   EXPECT_TRUE(parsed->views[0].masked);
   EXPECT_EQ(parsed->views[0].white_level, 4095);
+  EXPECT_EQ(parsed->views[0].lens, survey.views[0].lens);
   EXPECT_EQ(WithoutNames(survey).views[0].mask_path, ViewMaskName(0));
 }
 
