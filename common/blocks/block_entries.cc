@@ -74,23 +74,11 @@ StatusOr<ImageSize> PhotographFiles::SizeOf(const std::string& path) {
   return header.size;
 }
 
-LensModel BrownLens(const PinholeCamera& pinhole, const std::array<double, 4>& radial, double p1, double p2,
-                    double skew_px) {
-  using Kind = LensModel::Kind;
+LensModel MakeBrownLens(const PinholeCamera& pinhole, const std::array<double, 4>& radial, double p1, double p2,
+                        double skew_px) {
   LensModel lens;
   lens.pinhole = pinhole;
-  const double coefficients[8] = {radial[0], radial[1], p1, p2, radial[2], radial[3], skew_px, 0};
-  std::copy(std::begin(coefficients), std::end(coefficients), lens.coefficients);
-  const bool is_radial = p1 == 0 && p2 == 0 && pinhole.fx == pinhole.fy;
-  if (radial[3] != 0 || skew_px != 0) {
-    lens.kind = Kind::kBrown;
-  } else if (radial[2] != 0) {
-    lens.kind = Kind::kFullOpenCv;
-  } else if (radial[0] == 0 && radial[1] == 0 && p1 == 0 && p2 == 0) {
-    lens.kind = Kind::kPinhole;
-  } else {
-    lens.kind = !is_radial ? Kind::kOpenCv : radial[1] != 0 ? Kind::kRadial : Kind::kSimpleRadial;
-  }
+  SetBrownLens({radial[0], radial[1], radial[2], radial[3], p1, p2, skew_px}, &lens);
   return lens;
 }
 
@@ -109,14 +97,6 @@ int SharedCameras::IndexOf(const LensModel& lens, const std::string& name) {
   const auto [it, is_new] = indices_.emplace(key, static_cast<int>(block_.cameras.size()));
   if (is_new) block_.cameras.push_back({name, lens});
   return it->second;
-}
-
-bool MakeRotation(Eigen::Matrix3d& matrix) {
-  const Eigen::Matrix3d error = matrix * matrix.transpose() - Eigen::Matrix3d::Identity();
-  if (!(error.cwiseAbs().maxCoeff() <= 1e-3) || !(matrix.determinant() > 0)) return false;
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  matrix = svd.matrixU() * svd.matrixV().transpose();
-  return true;
 }
 
 std::string_view WithoutByteOrderMark(std::string_view text) {

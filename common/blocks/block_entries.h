@@ -12,6 +12,7 @@
 
 #include "common/base/status.h"
 #include "common/blocks/block.h"
+#include "common/blocks/block_parts.h"
 #include "common/imaging/image_io.h"
 
 namespace tessera {
@@ -40,10 +41,9 @@ class PhotographFiles {
   std::optional<std::multimap<std::string, std::string>> images_;  // of images_folder_: paths by file name
 };
 
-// Brown's lens: radial coefficients of r^2, r^4, r^6, r^8, tangential p1 and p2 as OpenCV orders them, and the skew in
-// pixels. The kind is the simplest of COLMAP's models that has all coefficients that are not zero, else kBrown.
-LensModel BrownLens(const PinholeCamera& pinhole, const std::array<double, 4>& radial, double p1, double p2,
-                    double skew_px = 0);
+// SetBrownLens on a camera with this pinhole; `radial`: k1 to k4.
+LensModel MakeBrownLens(const PinholeCamera& pinhole, const std::array<double, 4>& radial, double p1, double p2,
+                        double skew_px = 0);
 
 // Cameras of a block; images with equal lenses share one.
 class SharedCameras {
@@ -56,10 +56,6 @@ class SharedCameras {
   ImportedBlock& block_;
   std::map<std::array<double, 15>, int> indices_;
 };
-
-// Whether `matrix` is a rotation up to 1e-3 in each element of its product with its transpose. Replaces it by the
-// nearest rotation then.
-bool MakeRotation(Eigen::Matrix3d& matrix);
 
 // `text` starts with UTF-8's byte order mark: removes it.
 std::string_view WithoutByteOrderMark(std::string_view text);

@@ -18,10 +18,13 @@ constexpr double kMaxRotationError = 1e-3;
 void SetBrownLens(const BrownLens& brown, LensModel* lens) {
   using Kind = LensModel::Kind;
   const auto& [k1, k2, k3, k4, p1, p2, skew_px] = brown;
+  const bool is_radial = p1 == 0 && p2 == 0 && lens->pinhole.fx == lens->pinhole.fy;
   lens->kind = k4 != 0 || skew_px != 0                    ? Kind::kBrown
                : k3 != 0                                  ? Kind::kFullOpenCv
-               : k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0 ? Kind::kOpenCv
-                                                          : Kind::kPinhole;
+               : k1 == 0 && k2 == 0 && p1 == 0 && p2 == 0 ? Kind::kPinhole
+               : !is_radial                               ? Kind::kOpenCv
+               : k2 != 0                                  ? Kind::kRadial
+                                                          : Kind::kSimpleRadial;
   const double coefficients[8] = {k1, k2, p1, p2, k3, k4, skew_px, 0};
   std::copy(std::begin(coefficients), std::end(coefficients), lens->coefficients);
 }

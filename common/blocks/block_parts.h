@@ -16,8 +16,8 @@ struct BrownLens {
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0, p1 = 0, p2 = 0, skew_px = 0;
 };
 
-// Sets the kind and the coefficients of `lens`: the simplest of pinhole, OPENCV, FULL_OPENCV and kBrown that has all
-// terms.
+// Sets the kind and the coefficients of `lens`, whose pinhole is set: the simplest of COLMAP's models that has all
+// terms, else kBrown.
 void SetBrownLens(const BrownLens& brown, LensModel* lens);
 
 // A reading in which p1 and p2 of all cameras are exchanged.

@@ -164,7 +164,7 @@ class NvmParser {
     const Eigen::Vector3d last(values[numbers - 5], values[numbers - 4], values[numbers - 3]);
     if (has_matrix) {
       for (int k = 0; k < 9; ++k) rotation(k / 3, k % 3) = values[1 + k];
-      if (!MakeRotation(rotation)) Fault("a matrix that is no rotation", "a rotation from the world to the camera");
+      if (!MakeRotation(&rotation)) Fault("a matrix that is no rotation", "a rotation from the world to the camera");
       entry.image.centre = -rotation.transpose() * last;
       if (!entry.image.centre.allFinite()) Fault("a translation too large", "finite coordinates of the centre");
     } else {
@@ -291,7 +291,7 @@ std::optional<LensModel> LensOfInverseRadial(const PinholeCamera& pinhole, doubl
     }
   }
   if (!(1 + 3 * k * largest * largest > 0.05)) return std::nullopt;
-  if (k == 0) return BrownLens(pinhole, {}, 0, 0);
+  if (k == 0) return MakeBrownLens(pinhole, {}, 0, 0);
   constexpr int kSamples = 200;
   const Eigen::ArrayXd distorted = Eigen::ArrayXd::LinSpaced(kSamples, 0, largest);
   const Eigen::ArrayXd undistorted = distorted * (1 + k * distorted.square());
@@ -306,7 +306,7 @@ std::optional<LensModel> LensOfInverseRadial(const PinholeCamera& pinhole, doubl
     std::array<double, 6> terms = {};
     for (int t = 0; t < above; ++t) terms[t] = fit[t] / std::pow(scale, 2 * t + 2);
     for (int t = 0; t < below; ++t) terms[3 + t] = fit[above + t] / std::pow(scale, 2 * t + 2);
-    LensModel lens = BrownLens(pinhole, {terms[0], terms[1], terms[2], 0}, 0, 0);
+    LensModel lens = MakeBrownLens(pinhole, {terms[0], terms[1], terms[2], 0}, 0, 0);
     if (below > 0) {
       lens.kind = LensModel::Kind::kFullOpenCv;
       std::copy(terms.begin() + 3, terms.end(), lens.coefficients + 5);
@@ -354,7 +354,7 @@ ImportedBlock ParseNvm(const std::string& text, const std::string& name, const P
       radial = fixed->radial.value_or(radial);
     }
     const size_t before = block.cameras.size();
-    entry.image.camera = cameras.IndexOf(BrownLens(pinhole, {-radial}, 0, 0), entry.image.path);
+    entry.image.camera = cameras.IndexOf(MakeBrownLens(pinhole, {-radial}, 0, 0), entry.image.path);
     if (block.cameras.size() > before) radial_of_camera.push_back(radial);
     block.images.push_back(std::move(entry.image));
   }

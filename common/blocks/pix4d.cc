@@ -69,7 +69,7 @@ bool ReadPix4dMatrix(ColmapLineReader& lines, const char* what, Eigen::Matrix3d&
 bool Pix4dLens(const Eigen::Matrix3d& k, const std::array<double, 3>& radial, const std::array<double, 2>& tangential,
                int width, int height, LensModel& lens) {
   if (!(k(0, 0) > 0) || !(k(1, 1) > 0) || k(1, 0) != 0 || k(2, 0) != 0 || k(2, 1) != 0 || k(2, 2) != 1) return false;
-  lens = BrownLens({width, height, k(0, 0), k(1, 1), k(0, 2), k(1, 2)}, {radial[0], radial[1], radial[2], 0},
+  lens = MakeBrownLens({width, height, k(0, 0), k(1, 1), k(0, 2), k(1, 2)}, {radial[0], radial[1], radial[2], 0},
                    tangential[0], tangential[1], k(0, 1));
   return true;
 }
@@ -188,7 +188,7 @@ void ParsePix4dCameras(const std::string& text, const std::string& name, Importe
       fault("a camera matrix of another form", "f s cx / 0 f cy / 0 0 1 with f above 0");
       continue;
     }
-    if (!MakeRotation(rotation)) {
+    if (!MakeRotation(&rotation)) {
       fault("a matrix that is no rotation", "a rotation from the world to the camera");
       continue;
     }

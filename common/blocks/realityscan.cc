@@ -279,7 +279,7 @@ LensModel RealityScanLens(const RealityScanCamera& camera, const ImageSize& size
                               size.width / 2.0 + camera.principal_u * scale,
                               size.height / 2.0 + camera.principal_v * scale};
   const auto& [k1, k2, k3, k4, t1, t2] = camera.distortion;
-  return BrownLens(pinhole, {k1, k2, k3, k4}, t2, t1, camera.skew * scale);
+  return MakeBrownLens(pinhole, {k1, k2, k3, k4}, t2, t1, camera.skew * scale);
 }
 
 bool ParseRealityScanXmp(const std::string& bytes, const std::string& name, RealityScanCamera* camera, Faults* faults) {
@@ -317,7 +317,7 @@ bool ParseRealityScanXmp(const std::string& bytes, const std::string& name, Real
   }
   if (camera->has_rotation) {
     for (int k = 0; k < 9; ++k) camera->rotation_cam_from_block(k / 3, k % 3) = rotation[k];
-    if (!MakeRotation(camera->rotation_cam_from_block)) {
+    if (!MakeRotation(&camera->rotation_cam_from_block)) {
       faults->Add(InputError(name, "xcr:Rotation", "a matrix that is no rotation", "a rotation, row by row"));
     }
   }

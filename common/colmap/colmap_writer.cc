@@ -124,7 +124,8 @@ Status WriteColmapModel(const CalibratedImages& model, const std::string& folder
     images.Add(PoseLine(image));
     for (size_t k = 0; k < image.observations.size(); ++k) {
       const ImageObservation& observation = image.observations[k];
-      text = k > 0 ? " " : "";
+      text.clear();
+      if (k > 0) text += ' ';
       AppendNumber(&text, observation.position_px.x());
       text += ' ';
       AppendNumber(&text, observation.position_px.y());
