@@ -7,6 +7,7 @@ namespace tessera {
 namespace {
 
 constexpr char kConvert[] = "convert it, for example with MeshLab, Blender or CloudCompare";
+constexpr char kExport[] = "export the mesh as OBJ, GLB or PLY from the program that made it";
 constexpr char kMeshFirst[] = "it has points; build a mesh from them first";
 constexpr char kUnpack[] = "unpack it";
 constexpr char kDownload[] = "download the file again";
@@ -19,7 +20,6 @@ struct Signature {
 
 constexpr Signature kSignatures[] = {
     {"version https://git-lfs.github.com/spec/", "a Git LFS pointer in place of the file", "run 'git lfs pull'"},
-    {"glTF", "a binary glTF file (GLB)", kConvert},
     {"LASF", "a point cloud (LAS or LAZ)", kMeshFirst},
     {"# .PCD", "a point cloud (PCD)", kMeshFirst},
     {"ASTM-E57", "a point cloud (E57)", kMeshFirst},
@@ -31,6 +31,9 @@ constexpr Signature kSignatures[] = {
     {"<!DOCTYPE html", "a web page", kDownload},
     {"<!doctype html", "a web page", kDownload},
     {"<html", "a web page", kDownload},
+    {"b3dm", "a tile of 3D Tiles (B3DM)", kExport},
+    {"3MXBO", "a tile of 3MX", kExport},
+    {"\xa1\x0e\x91\x6c\x45\x45\xfb\x1a", "an OSGB file", kExport},
     {"<?xml", "an XML file", kConvert},
 };
 
@@ -51,17 +54,12 @@ bool IsBinaryStl(std::string_view head, int64_t size_bytes) {
   return size_bytes == static_cast<int64_t>(kCountAt + sizeof(count)) + 50 * static_cast<int64_t>(count);
 }
 
-bool IsGltf(std::string_view head) {
-  if (!FirstWord(head).starts_with("{")) return false;
-  for (const std::string_view key : {"\"asset\"", "\"accessors\"", "\"bufferViews\"", "\"meshes\"", "\"scenes\""}) {
-    if (head.find(key) != std::string_view::npos) return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 std::optional<ForeignContent> RecogniseForeignContent(std::string_view head, int64_t size_bytes) {
+  if (head.starts_with("<?xml") && head.find("<COLLADA") != std::string_view::npos) {
+    return ForeignContent{"a COLLADA file (DAE)", kExport};
+  }
   for (const Signature& signature : kSignatures) {
     if (head.starts_with(signature.begins)) return ForeignContent{signature.name, signature.remedy};
   }
@@ -72,7 +70,6 @@ std::optional<ForeignContent> RecogniseForeignContent(std::string_view head, int
   if (word == "solid" && head.find("facet") != std::string_view::npos)
     return ForeignContent{"a text STL file", kConvert};
   if (IsBinaryStl(head, size_bytes)) return ForeignContent{"a binary STL file", kConvert};
-  if (IsGltf(head)) return ForeignContent{"a glTF file", kConvert};
   return {};
 }
 

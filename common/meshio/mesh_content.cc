@@ -58,6 +58,12 @@ class CountingSink : public MeshSink {
 
 }  // namespace
 
+int32_t MaterialNames::IndexOf(std::string_view name) {
+  const auto [found, is_new] = indices_.try_emplace(std::string(name), static_cast<int32_t>(names_.size()));
+  if (is_new) names_.emplace_back(name);
+  return found->second;
+}
+
 void MeshReadOptions::Warn(const std::string& text) const {
   if (warnings != nullptr) warnings->push_back(absl::StrCat(file_in_warnings, ": ", text));
 }
@@ -94,6 +100,21 @@ void LabelFacesByVertices(std::span<const Triangle> faces, std::span<const int32
                             "'): each face takes the label of most of its vertices; ", mixed,
                             " faces have vertices of different labels",
                             mixed > 0 ? absl::StrCat(" (first: face ", first_mixed, ")") : ""));
+}
+
+std::string ExpectedVertexCount() { return absl::StrCat("3 to ", kMaxFaceVertices, " vertices"); }
+
+void PolygonFan::AddFace(std::span<const uint32_t> vertices, int32_t label, int64_t place) {
+  for (size_t k = 2; k < vertices.size(); ++k) sink_.AddFace({vertices[0], vertices[k - 1], vertices[k]}, label);
+  if (vertices.size() == 3) return;
+  if (polygons_++ == 0) first_place_ = place;
+  triangles_ += static_cast<int64_t>(vertices.size()) - 2;
+}
+
+void PolygonFan::Warn(const char* unit, const MeshReadOptions& options) const {
+  if (polygons_ == 0) return;
+  options.Warn(absl::StrCat(polygons_, " faces of more than 3 vertices split into ", triangles_,
+                            " triangles (first: ", unit, " ", first_place_, ")"));
 }
 
 }  // namespace tessera

@@ -6,6 +6,9 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
 
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
@@ -18,6 +21,18 @@ struct MeshContent {
   bool float_positions = false;  // the file stores x, y, z as 32-bit floats
 };
 
+// Names of materials, each once, in the order of their first use. May be shared by several files.
+class MaterialNames {
+ public:
+  // The index of `name`, which is added if it is new.
+  int32_t IndexOf(std::string_view name);
+  const std::vector<std::string>& names() const { return names_; }
+
+ private:
+  std::vector<std::string> names_;
+  std::unordered_map<std::string, int32_t> indices_;
+};
+
 struct MeshReadOptions {
   // The property of faces or vertices that holds the labels. Empty: labels are not read. None: it is found by its name
   // (ply_labels.h).
@@ -25,6 +40,9 @@ struct MeshReadOptions {
   // Receives each conversion of unusual content, with `file_in_warnings`, the count and the first place. May be null.
   Warnings* warnings = nullptr;
   std::string file_in_warnings = {};
+  // If given, labels are the materials of the faces: indices into these names, -1 without material. `label_property` is
+  // then ignored. INVALID_ARGUMENT for formats without materials.
+  MaterialNames* materials = nullptr;
 
   void Warn(const std::string& text) const;
 };
@@ -63,5 +81,24 @@ StatusOr<int64_t> CountTriangles(const std::function<Status(MeshSink&)>& stream)
 // all three differ. Warns, with the number of faces whose vertices differ.
 void LabelFacesByVertices(std::span<const Triangle> faces, std::span<const int32_t> vertex_labels,
                           const std::string& label_property, const MeshReadOptions& options, std::span<int32_t> labels);
+
+// The most vertices of a face. Larger counts are taken for damage.
+inline constexpr int64_t kMaxFaceVertices = 1000;
+std::string ExpectedVertexCount();  // for messages
+
+// Splits the faces of a file into triangles.
+class PolygonFan {
+ public:
+  explicit PolygonFan(MeshSink& sink) : sink_(sink) {}
+  // Adds a fan of triangles around the first of three or more vertices. `place`: the face's line or byte offset.
+  void AddFace(std::span<const uint32_t> vertices, int32_t label, int64_t place);
+  // Warns if there were faces of more than three vertices. `unit` of the places: "line" or "byte".
+  void Warn(const char* unit, const MeshReadOptions& options) const;
+
+ private:
+  MeshSink& sink_;
+  int64_t polygons_ = 0, triangles_ = 0;  // faces of more than three vertices, and what they became
+  int64_t first_place_ = 0;
+};
 
 }  // namespace tessera

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/meshio/byte_source.h"
 #include "common/meshio/foreign_content.h"
+#include "common/meshio/gltf.h"
 #include "common/meshio/obj.h"
 #include "common/meshio/ply.h"
 
@@ -16,6 +17,7 @@ namespace {
 constexpr MeshFormat kFormats[] = {
     {"PLY", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyHasMoreFaces},
     {"OBJ", IsObj, ObjHasLabels, ReadObj, StreamObj, ObjHasMoreFaces},
+    {"glTF", IsGltf, GltfHasLabels, ReadGltf, StreamGltf, GltfHasMoreFaces},
 };
 
 constexpr int64_t kHeadBytes = 4096;

@@ -9,7 +9,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/meshio/byte_source.h"
-#include "common/meshio/polygon_fan.h"
 #include "common/meshio/text_words.h"
 
 namespace tessera {
@@ -34,13 +33,19 @@ class ObjReader {
       : source_(source), name_(name), options_(options), sink_(sink), fan_(sink) {}
 
   Status Read() {
-    if (options_.label_property && !options_.label_property->empty()) {
+    if (options_.materials == nullptr && options_.label_property && !options_.label_property->empty()) {
       return InputError(name_, "", "an OBJ file, which has no properties",
                         absl::StrCat("a PLY with the property ", Quoted(*options_.label_property),
                                      ", which scene.json names in \"label_property\""));
     }
     if (source_.SkipByteOrderMark()) options_.Warn("a byte order mark before the first line ignored");
-    TESSERA_RETURN_IF_ERROR(sink_.Begin(MeshLayout()));
+    MeshLayout layout;
+    if (options_.materials != nullptr) {
+      layout.labels = MeshLabels::kOfFaces;
+      layout.label_property = "usemtl";
+      label_ = -1;
+    }
+    TESSERA_RETURN_IF_ERROR(sink_.Begin(layout));
     while (NextLine()) {
       const std::string_view keyword = TakeWord(rest_);
       if (keyword.empty() || keyword[0] == '#') continue;
@@ -48,6 +53,9 @@ class ObjReader {
         TESSERA_RETURN_IF_ERROR(ReadVertex());
       } else if (keyword == "f" || keyword == "fo") {  // fo: an old name
         TESSERA_RETURN_IF_ERROR(ReadFace());
+      } else if (keyword == "usemtl" && options_.materials != nullptr) {
+        while (!rest_.empty() && IsBlank(rest_.back())) rest_.remove_suffix(1);
+        label_ = rest_.empty() ? -1 : options_.materials->IndexOf(rest_);  // a name may contain blanks
       } else if (!IsSkippedStatement(keyword)) {
         return Error(Quoted(keyword), "a statement of a polygon mesh: v, vt, vn, f, o, g, s, usemtl or mtllib");
       }
@@ -127,7 +135,7 @@ class ObjReader {
       face_.push_back(static_cast<uint32_t>(vertex));
     }
     if (face_.size() < 3) return Error(absl::StrCat("a face of ", face_.size(), " vertices"), ExpectedVertexCount());
-    fan_.AddFace(face_, 0, line);
+    fan_.AddFace(face_, label_, line);
     return absl::OkStatus();
   }
 
@@ -149,6 +157,7 @@ class ObjReader {
   int64_t line_ = 0;            // lines read
   int64_t vertices_ = 0;        // vertices read
   std::vector<uint32_t> face_;  // vertices of the face
+  int32_t label_ = 0;           // of the current material, if asked for
   // A face may precede its vertices.
   int64_t largest_index_ = -1, largest_index_line_ = 0;
 };

@@ -14,14 +14,15 @@ namespace tessera {
 // Whether a file that begins with `head` is OBJ: after comments and empty lines comes a statement of OBJ.
 bool IsObj(std::string_view head);
 
-// Always false: OBJ has no labels.
+// Always false: OBJ has no labels, only materials.
 bool ObjHasLabels(std::string_view head, const std::optional<std::string>& label_property);
 
 // Reads vertices (v) and faces (f, with positive or negative indices, and indices of texture coordinates and normals,
-// which are skipped). Faces of more than three vertices are split into fans of triangles. Lines, points, groups and
-// materials are skipped. NOT_FOUND if the file does not exist. INVALID_ARGUMENT with the line for unknown statements
-// and free-form surfaces, indices without a vertex, faces of fewer than 3 or more than 1,000 vertices, NaN, and if
-// `options` name a property of labels. Allocates at most a small multiple of the file's size.
+// which are skipped). Faces of more than three vertices are split into fans of triangles. Lines, points and groups are
+// skipped, and so are materials (usemtl), unless `options` ask for them. NOT_FOUND if the file does not exist.
+// INVALID_ARGUMENT with the line for unknown statements and free-form surfaces, indices without a vertex, faces of
+// fewer than 3 or more than 1,000 vertices, NaN, and if `options` name a property of labels. Allocates at most a small
+// multiple of the file's size.
 StatusOr<MeshContent> ReadObj(const std::string& path, const MeshReadOptions& options = {});
 
 // Reads an OBJ sequentially into `sink`, without holding it in memory. Also returns errors of Begin.

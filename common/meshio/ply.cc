@@ -46,6 +46,10 @@ void WarnOfHeader(const PlyHeader& header, const MeshReadOptions& options) {
 }
 
 Status Stream(ByteSource& source, const std::string& name, const MeshReadOptions& options, MeshSink& sink) {
+  if (options.materials != nullptr) {
+    return InputError(name, "", "a PLY file, which has no materials",
+                      "labels of one of its properties, or an OBJ or glTF file with materials");
+  }
   TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name, options.label_property));
   WarnOfHeader(header, options);
   TESSERA_RETURN_IF_ERROR(sink.Begin(LayoutOf(source, header)));

@@ -6,7 +6,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/meshio/ply_body.h"
-#include "common/meshio/polygon_fan.h"
 #include "common/meshio/text_words.h"
 
 namespace tessera {

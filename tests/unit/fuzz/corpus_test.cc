@@ -12,8 +12,10 @@
 #include "tests/fuzz/authority_target.h"
 #include "tests/fuzz/colmap_binary_target.h"
 #include "tests/fuzz/colmap_text_target.h"
+#include "tests/fuzz/gltf_target.h"
 #include "tests/fuzz/image_target.h"
 #include "tests/fuzz/likelihoods_target.h"
+#include "tests/fuzz/model_metadata_target.h"
 #include "tests/fuzz/npy_target.h"
 #include "tests/fuzz/nvm_target.h"
 #include "tests/fuzz/obj_target.h"
@@ -41,8 +43,10 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"authority", RunAuthorityTarget},
     {"colmap_binary", RunColmapBinaryTarget},
     {"colmap_text", RunColmapTextTarget},
+    {"gltf", RunGltfTarget},
     {"image", RunImageTarget},
     {"likelihoods", RunLikelihoodsTarget},
+    {"model_metadata", RunModelMetadataTarget},
     {"npy", RunNpyTarget},
     {"nvm", RunNvmTarget},
     {"obj", RunObjTarget},

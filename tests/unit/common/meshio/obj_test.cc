@@ -78,6 +78,26 @@ TEST(Obj, ErrorsHaveTheirLine) {
             "scene.json names in \"label_property\"");
 }
 
+TEST(Obj, MaterialsAreLabelsWhereAskedFor) {
+  const std::string text = std::string(kFourVertices) +
+                           "f 1 2 3\nusemtl old roof \r\nf 1 2 3\nf 1 2 3 4\nusemtl wall\nf 1 2 4\nusemtl old roof\n"
+                           "f 2 3 4\nusemtl\nf 1 3 4\n";
+  MaterialNames materials;
+  materials.IndexOf("of an earlier file");
+  MeshReadOptions options;
+  options.materials = &materials;
+  const StatusOr<MeshContent> content = ParseObj(text, "city.obj", options);
+  ASSERT_TRUE(content.ok()) << content.status();
+  EXPECT_THAT(content->mesh.labels, ElementsAre(-1, 1, 1, 1, 2, 1, -1));
+  EXPECT_EQ(content->label_property, "usemtl");
+  EXPECT_THAT(materials.names(), ElementsAre("of an earlier file", "old roof", "wall"));
+  const StatusOr<MeshContent> without = ParseObj(text, "city.obj");
+  ASSERT_TRUE(without.ok()) << without.status();
+  EXPECT_THAT(without->mesh.labels, IsEmpty());
+  EXPECT_EQ(without->label_property, "");
+  EXPECT_EQ(without->mesh.faces, content->mesh.faces);
+}
+
 TEST(Obj, IsToldByItsContent) {
   const std::string path = testing::TempDir() + "/told.ply";
   std::ofstream(path, std::ios::binary) << "# made by hand\n\n" << kFourVertices << "f 1 2 3\nf 1 2 3 4\n";

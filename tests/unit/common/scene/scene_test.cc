@@ -317,7 +317,7 @@ const BadInput kBadInputs[] = {
      [](const std::string& f, const TinyScene&) {
        WriteText(f + "/mesh.ply", "solid cube\nfacet normal 0 0 1\nendsolid\n");
      },
-     {"mesh.ply: first bytes: found a text STL file, expected a mesh file (PLY, OBJ): convert it"}},
+     {"mesh.ply: first bytes: found a text STL file, expected a mesh file (PLY, OBJ, glTF): convert it"}},
     {"TwoLabelProperties",
      [](const std::string& f, const TinyScene& scene) {
        WriteText(f + "/mesh.ply", QuadPly(scene.mesh));
