@@ -10,10 +10,12 @@
 
 #include "tests/fuzz/array_file_target.h"
 #include "tests/fuzz/authority_target.h"
+#include "tests/fuzz/blocks_exchange_target.h"
 #include "tests/fuzz/colmap_binary_target.h"
 #include "tests/fuzz/colmap_text_target.h"
 #include "tests/fuzz/image_target.h"
 #include "tests/fuzz/likelihoods_target.h"
+#include "tests/fuzz/metashape_target.h"
 #include "tests/fuzz/npy_target.h"
 #include "tests/fuzz/obj_target.h"
 #include "tests/fuzz/ply_target.h"
@@ -36,10 +38,12 @@ namespace fs = std::filesystem;
 const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"array_file", RunArrayFileTarget},
     {"authority", RunAuthorityTarget},
+    {"blocks_exchange", RunBlocksExchangeTarget},
     {"colmap_binary", RunColmapBinaryTarget},
     {"colmap_text", RunColmapTextTarget},
     {"image", RunImageTarget},
     {"likelihoods", RunLikelihoodsTarget},
+    {"metashape", RunMetashapeTarget},
     {"npy", RunNpyTarget},
     {"obj", RunObjTarget},
     {"ply", RunPlyTarget},
