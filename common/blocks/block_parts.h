@@ -36,7 +36,8 @@ int64_t DropUnorientedObservations(const ImportedBlock& block, std::vector<Block
 
 // The component to read: `wanted`, or if that is negative the one with most oriented images, the smallest of equals;
 // -1, which stands for images of no component, only if there is no other. Images of other components become not
-// oriented; adds a line to left_out for them. A fault of `path` if no oriented image has the component.
+// oriented; adds a line to left_out for them. A fault of `path` if no oriented image has the component, or
+// if no image is oriented and there is no other fault.
 void ChooseComponent(int wanted, const std::string& path, ImportedBlock* block, Faults* faults);
 
 }  // namespace tessera

@@ -67,7 +67,8 @@ bool ReadExchangeFocalLength(const XmlNode& group, ExchangeCamera* result, Fault
   if (f == 0 && result->pixel_mm > 0) f = mm / result->pixel_mm;
   if (result->pixel_mm == 0 && mm > 0 && f > 0) result->pixel_mm = mm / f;
   result->aspect_ratio = group.ChildNumberOr("AspectRatio", 1, faults);
-  if (!(f > 0 && f < 1e9 && result->pixel_mm >= 0 && result->aspect_ratio > 0.01 && result->aspect_ratio < 100)) {
+  if (!(f > 0 && f < 1e9 && (result->pixel_mm == 0 || result->pixel_mm > 1e-9) && result->aspect_ratio > 0.01 &&
+        result->aspect_ratio < 100)) {
     group.AddFault(absl::StrCat("FocalLength ", mm, ", SensorSize ", sensor_mm, ", FocalLengthPixels ", f,
                                 ", AspectRatio ", result->aspect_ratio),
                    "FocalLength with SensorSize or PixelSize (mm), or FocalLengthPixels, positive", faults);

@@ -19,7 +19,11 @@
 namespace tessera {
 namespace {
 
+constexpr double kMostMetashapeCoordinate = 1e100;
 constexpr double kLeastEarthRadius_m = 6.2e6, kMostEarthRadius_m = 6.5e6;
+
+// The id that a column has; -1: none.
+int64_t WholeId(double value) { return value >= 0 && value < 1e15 ? static_cast<int64_t>(value) : -1; }
 
 // p_to = scale R p_from + translation.
 struct MetashapeTransform {
@@ -253,9 +257,10 @@ class MetashapeReader {
     for (size_t row = 0; row < columns[0].size(); ++row) {
       BlockTiePoint point;
       point.position = {columns[0][row], columns[1][row], columns[2][row]};
-      const int64_t id = columns[3].empty() ? static_cast<int64_t>(row) : static_cast<int64_t>(columns[3][row]);
-      if (!point.position.allFinite() || !index.emplace(id, row).second) {
-        points.AddFault(absl::StrCat("point ", row, " with ", point.position.allFinite() ? "an id of another" : "NaN"),
+      const int64_t id = columns[3].empty() ? static_cast<int64_t>(row) : WholeId(columns[3][row]);
+      const bool is_bounded = point.position.cwiseAbs().maxCoeff() < kMostMetashapeCoordinate;
+      if (!point.position.allFinite() || !is_bounded || !index.emplace(id, row).second) {
+        points.AddFault(absl::StrCat("point ", row, " with the id of another or without a finite position"),
                         "finite positions, each id once", faults_);
         return false;
       }
@@ -274,7 +279,7 @@ class MetashapeReader {
       unknown_images += image == images_.end();
       if (image == images_.end() || !ReadColumns(item, {"x", "y", "id"}, &columns)) continue;
       for (size_t row = 0; row < columns[0].size(); ++row) {
-        const auto point = index.find(static_cast<int64_t>(columns[2][row]));
+        const auto point = index.find(WholeId(columns[2][row]));
         const Eigen::Vector2d position(columns[0][row], columns[1][row]);
         if (point == index.end() || !position.allFinite()) {
           ++unknown_points;

@@ -25,6 +25,7 @@ struct XmlDocument {
 namespace {
 
 constexpr int kMaxXmlFaults = 1000;
+constexpr double kMaxNumber = 1e100;  // products of some numbers are finite too
 constexpr std::string_view kXmlBlanks = " \t\r\n";
 
 std::string QuotedXml(std::string_view text) {
@@ -37,12 +38,13 @@ std::string_view TrimXml(std::string_view text) {
   return text.substr(begin, text.find_last_not_of(kXmlBlanks) - begin + 1);
 }
 
-// The whole word as a finite number.
+// The whole word as a number.
 template <class Value>
 bool ParseXmlNumber(std::string_view word, Value* value) {
   if (word.size() > 1 && word[0] == '+' && word[1] != '-') word.remove_prefix(1);
   const auto [stop, error] = std::from_chars(word.data(), word.data() + word.size(), *value);
-  return error == std::errc() && stop == word.data() + word.size() && std::isfinite(static_cast<double>(*value));
+  return error == std::errc() && stop == word.data() + word.size() &&
+         std::abs(static_cast<double>(*value)) <= kMaxNumber;
 }
 
 std::string LineOf(std::string_view text, size_t at) {

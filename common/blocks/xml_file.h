@@ -25,7 +25,7 @@ struct XmlDocument;
 // attribute and empty text; their faults name the whole file.
 //
 // Functions with `faults` add a fault with file, place, found and expected for a value that is missing or wrong, and
-// return nothing then. A file adds at most 1,000 faults. Numbers are finite and do not depend on the locale. Not
+// return nothing then. A file adds at most 1,000 faults. Numbers are at most 1e100 and do not depend on the locale. Not
 // thread-safe.
 class XmlNode {
  public:

@@ -10,12 +10,14 @@
 
 #include "tests/fuzz/array_file_target.h"
 #include "tests/fuzz/authority_target.h"
+#include "tests/fuzz/blocks_exchange_target.h"
 #include "tests/fuzz/colmap_binary_target.h"
 #include "tests/fuzz/colmap_text_target.h"
 #include "tests/fuzz/gltf_target.h"
 #include "tests/fuzz/image_target.h"
 #include "tests/fuzz/likelihoods_target.h"
 #include "tests/fuzz/model_metadata_target.h"
+#include "tests/fuzz/metashape_target.h"
 #include "tests/fuzz/npy_target.h"
 #include "tests/fuzz/nvm_target.h"
 #include "tests/fuzz/obj_target.h"
@@ -41,12 +43,14 @@ namespace fs = std::filesystem;
 const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"array_file", RunArrayFileTarget},
     {"authority", RunAuthorityTarget},
+    {"blocks_exchange", RunBlocksExchangeTarget},
     {"colmap_binary", RunColmapBinaryTarget},
     {"colmap_text", RunColmapTextTarget},
     {"gltf", RunGltfTarget},
     {"image", RunImageTarget},
     {"likelihoods", RunLikelihoodsTarget},
     {"model_metadata", RunModelMetadataTarget},
+    {"metashape", RunMetashapeTarget},
     {"npy", RunNpyTarget},
     {"nvm", RunNvmTarget},
     {"obj", RunObjTarget},
