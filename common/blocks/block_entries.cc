@@ -13,13 +13,13 @@
 namespace tessera {
 namespace {
 
-std::vector<std::string> PathParts(std::string path) {
+std::vector<std::string> BlockPathParts(std::string path) {
   std::replace(path.begin(), path.end(), '\\', '/');
   return absl::StrSplit(path, '/', absl::SkipEmpty());
 }
 
 // How many parts at their ends are equal.
-size_t CommonTail(const std::vector<std::string>& a, const std::vector<std::string>& b) {
+size_t CommonPathTail(const std::vector<std::string>& a, const std::vector<std::string>& b) {
   size_t n = 0;
   while (n < a.size() && n < b.size() && a[a.size() - 1 - n] == b[b.size() - 1 - n]) ++n;
   return n;
@@ -28,7 +28,7 @@ size_t CommonTail(const std::vector<std::string>& a, const std::vector<std::stri
 }  // namespace
 
 StatusOr<std::string> PhotographFiles::Find(const std::string& path) {
-  const std::vector<std::string> parts = PathParts(path);
+  const std::vector<std::string> parts = BlockPathParts(path);
   if (parts.empty()) return absl::NotFoundError("no file name");
   const std::string slashes = absl::StrCat(path[0] == '/' || path[0] == '\\' ? "/" : "", absl::StrJoin(parts, "/"));
   if (slashes[0] == '/' && FileExists(slashes)) return slashes;
@@ -49,13 +49,13 @@ StatusOr<std::string> PhotographFiles::SearchImagesFolder(const std::vector<std:
   if (!images_.has_value()) {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> files, ListFiles(images_folder_));
     images_.emplace();
-    for (const std::string& file : files) images_->emplace(PathParts(file).back(), file);
+    for (const std::string& file : files) images_->emplace(BlockPathParts(file).back(), file);
   }
   const auto [begin, end] = images_->equal_range(parts.back());
   size_t most = 0;
   std::vector<std::string> best;
   for (auto it = begin; it != end; ++it) {
-    const size_t tail = CommonTail(parts, PathParts(it->second));
+    const size_t tail = CommonPathTail(parts, BlockPathParts(it->second));
     if (tail > most) best.clear();
     if (tail >= most) best.push_back(it->second);
     most = std::max(most, tail);

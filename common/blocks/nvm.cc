@@ -19,6 +19,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <map>
 
 #include "absl/strings/str_cat.h"
 #include "common/colmap/colmap_lines.h"
@@ -43,6 +44,7 @@ struct NvmImage {
 
 struct NvmModel {
   std::vector<NvmImage> images;
+  std::map<std::string, int64_t> lines_of_names;
   std::vector<BlockTiePoint> points;
 };
 
@@ -158,7 +160,12 @@ class NvmParser {
     entry.image.location = absl::StrCat("line ", lines_.number());
     entry.focal_px = values[0];
     entry.radial = values[numbers - 2];
-    if (entry.image.path.empty()) Fault("no name", "the name of an image");
+    const auto [it, is_new] = model.lines_of_names.emplace(entry.image.path, lines_.number());
+    if (entry.image.path.empty()) {
+      Fault("no name", "the name of an image");
+    } else if (!is_new) {
+      Fault(absl::StrCat("image ", entry.image.path, " again"), absl::StrCat("one line; line ", it->second, " has it"));
+    }
     if (!(entry.focal_px > 0)) Fault(absl::StrCat(entry.focal_px), "a focal length above 0");
     Eigen::Matrix3d& rotation = entry.image.rotation_cam_from_block;
     const Eigen::Vector3d last(values[numbers - 5], values[numbers - 4], values[numbers - 3]);

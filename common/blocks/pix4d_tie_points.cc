@@ -17,11 +17,11 @@
 namespace tessera {
 namespace {
 
-constexpr size_t kMaxTiePointFaults = 200;
-constexpr double kMinRayAngle_rad = 0.01;  // below it the depth of a point is arbitrary
+constexpr size_t kMaxPix4dTiePointFaults = 200;
+constexpr double kMinPix4dRayAngle_rad = 0.01;  // below it the depth of a point is arbitrary
 
 // The undistorted position of `p`, by Gauss-Newton steps with the identity as derivative. False if they diverge.
-bool UndistortTiePoint(const LensModel& lens, const Eigen::Vector2d& p, Eigen::Vector2d& undistorted) {
+bool UndistortPix4dPoint(const LensModel& lens, const Eigen::Vector2d& p, Eigen::Vector2d& undistorted) {
   undistorted = p;
   for (int i = 0; i < 100; ++i) {
     const Eigen::Vector2d error = p - lens.Distort(undistorted);
@@ -32,7 +32,7 @@ bool UndistortTiePoint(const LensModel& lens, const Eigen::Vector2d& p, Eigen::V
   return (p - lens.Distort(undistorted)).norm() < 0.01;
 }
 
-struct TiePointRay {
+struct Pix4dRay {
   const BlockImage* image;
   const PinholeCamera* pinhole;
   Eigen::Vector2d undistorted_px;
@@ -40,22 +40,22 @@ struct TiePointRay {
 };
 
 // The point nearest to the rays, then moved to the least squares of distances in undistorted images.
-bool TriangulateTiePoint(const std::vector<TiePointRay>& rays, Eigen::Vector3d& point) {
+bool TriangulatePix4dPoint(const std::vector<Pix4dRay>& rays, Eigen::Vector3d& point) {
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
-  for (const TiePointRay& ray : rays) {
+  for (const Pix4dRay& ray : rays) {
     const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - ray.direction * ray.direction.transpose();
     normal += across;
     right += across * ray.image->centre;
   }
   // Of two rays at a small angle a, the smallest eigenvalue is a^2 / 2.
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(normal, Eigen::EigenvaluesOnly);
-  if (!(eigen.eigenvalues()[0] > kMinRayAngle_rad * kMinRayAngle_rad / 2)) return false;
+  if (!(eigen.eigenvalues()[0] > kMinPix4dRayAngle_rad * kMinPix4dRayAngle_rad / 2)) return false;
   point = normal.ldlt().solve(right);
   for (int step = 0; step < 4; ++step) {
     Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
     Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
-    for (const TiePointRay& ray : rays) {
+    for (const Pix4dRay& ray : rays) {
       const Eigen::Vector3d x = ray.image->rotation_cam_from_block * (point - ray.image->centre);
       if (!(x.z() > 0)) return false;
       const PinholeCamera& p = *ray.pinhole;
@@ -86,7 +86,7 @@ void ParsePix4dTiePoints(const std::string& text, const std::string& name, Impor
   std::unordered_set<std::string> unknown;
   bool in_image = false;
   int image = -1;
-  while (lines.NextEntry() && faults->messages().size() < kMaxTiePointFaults) {
+  while (lines.NextEntry() && faults->messages().size() < kMaxPix4dTiePointFaults) {
     if (!in_image) {
       const std::string of_image = lines.Rest();
       const auto it = images.find(of_image);
@@ -122,18 +122,18 @@ void ParsePix4dTiePoints(const std::string& text, const std::string& name, Impor
   int64_t left_out = 0;
   for (const int64_t id : ids) {
     BlockTiePoint point;
-    std::vector<TiePointRay> rays;
+    std::vector<Pix4dRay> rays;
     for (const BlockObservation& o : observations[id]) {
       const BlockImage& of = block->images[o.image];
       const LensModel& lens = block->cameras[of.camera].lens;
       const PinholeCamera& p = lens.pinhole;
       Eigen::Vector2d undistorted;
-      if (!UndistortTiePoint(lens, o.position_px, undistorted)) continue;
+      if (!UndistortPix4dPoint(lens, o.position_px, undistorted)) continue;
       const Eigen::Vector3d ray((undistorted.x() - p.cx) / p.fx, (undistorted.y() - p.cy) / p.fy, 1);
       rays.push_back({&of, &p, undistorted, (of.rotation_cam_from_block.transpose() * ray).normalized()});
       point.observations.push_back(o);
     }
-    if (rays.size() < 2 || !TriangulateTiePoint(rays, point.position)) {
+    if (rays.size() < 2 || !TriangulatePix4dPoint(rays, point.position)) {
       ++left_out;
       continue;
     }

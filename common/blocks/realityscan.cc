@@ -34,7 +34,7 @@ namespace fs = std::filesystem;
 
 constexpr char kXcrNamespace[] = "http://www.capturingreality.com/ns/xcr/1.1#";
 constexpr int64_t kMaxSidecar_bytes = int64_t{64} << 20, kMaxTable_bytes = int64_t{1} << 30;
-constexpr size_t kMaxNumbers_bytes = 4096;  // of a property
+constexpr size_t kMaxXcrNumbers_bytes = 4096;  // of a property
 
 // The properties of a sidecar: attributes or elements of rdf:Description in the namespace, whatever its prefix.
 class XcrProperties {
@@ -68,7 +68,7 @@ class XcrProperties {
       faults_.Add(InputError(name_, absl::StrCat("xcr:", property), found, absl::StrCat(count, " finite numbers")));
       return false;
     };
-    if (text.size() > kMaxNumbers_bytes) return fault(absl::StrCat(text.size(), " characters"));
+    if (text.size() > kMaxXcrNumbers_bytes) return fault(absl::StrCat(text.size(), " characters"));
     const std::vector<std::string> words = absl::StrSplit(text, absl::ByAnyChar(" \t\r\n"), absl::SkipEmpty());
     if (words.size() != count) return fault(absl::StrCat(words.size(), " words"));
     for (size_t i = 0; i < count; ++i) {
@@ -102,8 +102,8 @@ class XcrProperties {
 };
 
 // Faults of the lens model and its coefficients.
-void CheckDistortion(const std::string& model, const std::array<double, 6>& distortion, const std::string& name,
-                     Faults* faults) {
+void CheckXcrDistortion(const std::string& model, const std::array<double, 6>& distortion, const std::string& name,
+                        Faults* faults) {
   const auto is_zero = [&](size_t begin, size_t end) {
     return std::all_of(distortion.begin() + static_cast<int>(begin), distortion.begin() + static_cast<int>(end),
                        [](double k) { return k == 0; });
@@ -131,17 +131,17 @@ bool IsRealityScanSidecar(const std::string& path) {
   return start.ok() && start->find(kXcrNamespace) != std::string::npos;
 }
 
-bool HasExtension(const std::string& path, const char* extension) {
+bool HasSidecarExtension(const std::string& path, const char* extension) {
   return absl::AsciiStrToLower(fs::path(path).extension().string()) == extension;
 }
 
 // The sidecars of a folder, relative to it; `others`: how many .xmp files of other programs.
-std::vector<std::string> SidecarsIn(const std::string& folder, int64_t* others) {
+std::vector<std::string> XcrSidecarsIn(const std::string& folder, int64_t* others) {
   std::vector<std::string> sidecars;
   const StatusOr<std::vector<std::string>> files = ListFiles(folder);
   if (!files.ok()) return sidecars;
   for (const std::string& file : *files) {
-    if (!HasExtension(file, ".xmp")) continue;
+    if (!HasSidecarExtension(file, ".xmp")) continue;
     if (IsRealityScanSidecar(absl::StrCat(folder, "/", file))) {
       sidecars.push_back(file);
     } else {
@@ -151,11 +151,11 @@ std::vector<std::string> SidecarsIn(const std::string& folder, int64_t* others) 
   return sidecars;
 }
 
-std::vector<std::string> TablesIn(const std::string& folder) {
+std::vector<std::string> RealityScanTablesIn(const std::string& folder) {
   std::vector<std::string> tables;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
-    if (HasExtension(entry.path().string(), ".csv") && IsRealityScanCsv(entry.path().string())) {
+    if (HasSidecarExtension(entry.path().string(), ".csv") && IsRealityScanCsv(entry.path().string())) {
       tables.push_back(entry.path().string());
     }
   }
@@ -164,7 +164,7 @@ std::vector<std::string> TablesIn(const std::string& folder) {
 }
 
 // The photograph of a sidecar: the file of its name with the extension of an image.
-StatusOr<std::string> PhotographOf(const std::string& sidecar, PhotographFiles& files) {
+StatusOr<std::string> PhotographOfSidecar(const std::string& sidecar, PhotographFiles& files) {
   const std::string stem = fs::path(sidecar).replace_extension().string();
   std::set<std::string> found;
   // IMAGE.jpg.xmp, too.
@@ -183,16 +183,16 @@ StatusOr<std::string> PhotographOf(const std::string& sidecar, PhotographFiles& 
   return absl::InvalidArgumentError(absl::StrCat("several images of this name: ", absl::StrJoin(found, ", ")));
 }
 
-struct Sidecar {
+struct XcrSidecar {
   std::string path;  // relative to the folder
   RealityScanCamera camera;
 };
 
 // Keeps the sidecars of one component: the one of this index in the order of ids, or the one with most images.
-void KeepComponent(int component, const std::string& folder, std::vector<Sidecar>* sidecars, ImportedBlock* block,
-                   Faults* faults) {
+void KeepSidecarComponent(int component, const std::string& folder, std::vector<XcrSidecar>* sidecars,
+                          ImportedBlock* block, Faults* faults) {
   std::map<std::string, int> sizes;
-  for (const Sidecar& sidecar : *sidecars) ++sizes[sidecar.camera.component];
+  for (const XcrSidecar& sidecar : *sidecars) ++sizes[sidecar.camera.component];
   if (component >= static_cast<int>(sizes.size())) {
     faults->Add(InputError(folder, "", absl::StrCat(sizes.size(), " components"),
                            absl::StrCat("component ", component, ", counted from 0")));
@@ -212,12 +212,12 @@ void KeepComponent(int component, const std::string& folder, std::vector<Sidecar
                                            " images in a coordinate system of their own; --component ", index,
                                            " reads them"));
   }
-  std::erase_if(*sidecars, [&](const Sidecar& s) { return s.camera.component != kept->first; });
+  std::erase_if(*sidecars, [&](const XcrSidecar& s) { return s.camera.component != kept->first; });
 }
 
-void ReadSidecars(const std::string& folder, const std::vector<std::string>& paths, const BlockReadOptions& options,
-                  ImportedBlock* block, Faults* faults) {
-  std::vector<Sidecar> sidecars;
+void ReadXcrSidecars(const std::string& folder, const std::vector<std::string>& paths, const BlockReadOptions& options,
+                     ImportedBlock* block, Faults* faults) {
+  std::vector<XcrSidecar> sidecars;
   int64_t without_focal = 0;
   for (const std::string& path : paths) {
     const std::string file = absl::StrCat(folder, "/", path);
@@ -227,7 +227,7 @@ void ReadSidecars(const std::string& folder, const std::vector<std::string>& pat
       faults->Add(bytes.status());
       continue;
     }
-    Sidecar sidecar{path, {}};
+    XcrSidecar sidecar{path, {}};
     if (!ParseRealityScanXmp(*bytes, file, &sidecar.camera, faults)) continue;
     if (!sidecar.camera.has_focal) {
       ++without_focal;
@@ -243,11 +243,11 @@ void ReadSidecars(const std::string& folder, const std::vector<std::string>& pat
     if (faults->empty()) faults->Add(InputError(folder, "", "no sidecar with a focal length", "at least one"));
     return;
   }
-  KeepComponent(options.component, folder, &sidecars, block, faults);
+  KeepSidecarComponent(options.component, folder, &sidecars, block, faults);
   PhotographFiles files(folder, options.images_folder);
   SharedCameras cameras(block);
-  for (const Sidecar& sidecar : sidecars) {
-    const StatusOr<std::string> photograph = PhotographOf(sidecar.path, files);
+  for (const XcrSidecar& sidecar : sidecars) {
+    const StatusOr<std::string> photograph = PhotographOfSidecar(sidecar.path, files);
     const StatusOr<ImageSize> size =
         photograph.ok() ? files.SizeOf(*photograph) : StatusOr<ImageSize>(photograph.status());
     if (!size.ok()) {
@@ -307,7 +307,7 @@ bool ParseRealityScanXmp(const std::string& bytes, const std::string& name, Real
   properties.Numbers("Skew", 1, &camera->skew);
   properties.Numbers("AspectRatio", 1, &camera->aspect);
   if (properties.Numbers("DistortionCoeficients", 6, camera->distortion.data())) {
-    CheckDistortion(properties.Text("DistortionModel"), camera->distortion, name, faults);
+    CheckXcrDistortion(properties.Text("DistortionModel"), camera->distortion, name, faults);
   }
   if (camera->has_focal && !(camera->focal_35mm > 0)) {
     faults->Add(InputError(name, "xcr:FocalLength35mm", absl::StrCat(camera->focal_35mm), "a focal length above 0"));
@@ -328,28 +328,28 @@ bool ParseRealityScanXmp(const std::string& bytes, const std::string& name, Real
 bool IsRealityScan(const std::string& path) {
   std::error_code error;
   if (!fs::is_directory(path, error)) {
-    return HasExtension(path, ".xmp") ? IsRealityScanSidecar(path) : IsRealityScanCsv(path);
+    return HasSidecarExtension(path, ".xmp") ? IsRealityScanSidecar(path) : IsRealityScanCsv(path);
   }
   int64_t others = 0;
-  return !TablesIn(path).empty() || !SidecarsIn(path, &others).empty();
+  return !RealityScanTablesIn(path).empty() || !XcrSidecarsIn(path, &others).empty();
 }
 
 ImportedBlock ReadRealityScan(const std::string& path, const BlockReadOptions& options, Faults* faults, Warnings*) {
   ImportedBlock block;
   std::error_code error;
-  const bool is_folder = fs::is_directory(path, error), is_sidecar = !is_folder && HasExtension(path, ".xmp");
+  const bool is_folder = fs::is_directory(path, error), is_sidecar = !is_folder && HasSidecarExtension(path, ".xmp");
   const std::string absolute = AbsolutePath(path);
   const std::string folder = is_folder ? absolute : fs::path(absolute).parent_path().string();
   int64_t others = 0;
   const std::vector<std::string> sidecars =
-      is_folder || is_sidecar ? SidecarsIn(folder, &others) : std::vector<std::string>{};
-  const std::vector<std::string> tables = is_folder ? TablesIn(folder) : std::vector<std::string>{absolute};
+      is_folder || is_sidecar ? XcrSidecarsIn(folder, &others) : std::vector<std::string>{};
+  const std::vector<std::string> tables = is_folder ? RealityScanTablesIn(folder) : std::vector<std::string>{absolute};
   if (others > 0) block.left_out.push_back(absl::StrCat(others, " files .xmp without properties of RealityScan"));
   if (!sidecars.empty()) {
     if (is_folder && !tables.empty()) {
       block.left_out.push_back(absl::StrCat(absl::StrJoin(tables, ", "), ": the sidecars are read instead"));
     }
-    ReadSidecars(folder, sidecars, options, &block, faults);
+    ReadXcrSidecars(folder, sidecars, options, &block, faults);
   } else if (tables.size() != 1) {
     faults->Add(InputError(path, "", absl::StrCat(tables.size(), " tables of camera parameters"),
                            "one; name it instead of the folder"));

@@ -17,13 +17,13 @@ namespace {
 
 constexpr size_t kMaxCsvFaults = 200;
 
-constexpr double kRadians = 3.14159265358979323846 / 180;
+constexpr double kCsvRadians = 3.14159265358979323846 / 180;
 
 // World to camera. World from camera (x right, y up, z back) is Rz(-yaw) Rx(pitch) Ry(roll).
-Eigen::Matrix3d RotationOfYawPitchRoll(double yaw_deg, double pitch_deg, double roll_deg) {
-  const double cy = std::cos(yaw_deg * kRadians), sy = std::sin(yaw_deg * kRadians);
-  const double cp = std::cos(pitch_deg * kRadians), sp = std::sin(pitch_deg * kRadians);
-  const double cr = std::cos(roll_deg * kRadians), sr = std::sin(roll_deg * kRadians);
+Eigen::Matrix3d CsvRotation(double yaw_deg, double pitch_deg, double roll_deg) {
+  const double cy = std::cos(yaw_deg * kCsvRadians), sy = std::sin(yaw_deg * kCsvRadians);
+  const double cp = std::cos(pitch_deg * kCsvRadians), sp = std::sin(pitch_deg * kCsvRadians);
+  const double cr = std::cos(roll_deg * kCsvRadians), sr = std::sin(roll_deg * kCsvRadians);
   Eigen::Matrix3d rotation;
   rotation << cr * cy + sr * sp * sy, -cr * sy + cy * sr * sp, -cp * sr,  //
       -cp * sy, -cp * cy, -sp,                                            //
@@ -37,8 +37,26 @@ struct CsvColumn {
   bool is_required;
   int index = -1;  // in a line; -1: not there
 };
-enum CsvField { kName, kX, kY, kAlt, kYaw, kPitch, kRoll, kFocal, kPx, kPy, kK1, kK2, kK3, kK4, kT1, kT2, kFields };
-using CsvColumns = std::array<CsvColumn, kFields>;
+enum CsvField {
+  kCsvName,
+  kCsvX,
+  kCsvY,
+  kCsvAlt,
+  kCsvYaw,
+  kCsvPitch,
+  kCsvRoll,
+  kCsvFocal,
+  kCsvPx,
+  kCsvPy,
+  kCsvK1,
+  kCsvK2,
+  kCsvK3,
+  kCsvK4,
+  kCsvT1,
+  kCsvT2,
+  kCsvFields
+};
+using CsvColumns = std::array<CsvColumn, kCsvFields>;
 
 CsvColumns NoCsvColumns() {
   return {{{{"name", ""}, true},
@@ -147,18 +165,18 @@ void ParseRealityScanCsv(const std::string& text, const std::string& name, const
                                          absl::StrCat(header_words, " columns, as in the header")));
       continue;
     }
-    std::array<double, kFields> values = {};
+    std::array<double, kCsvFields> values = {};
     bool good = true;
-    for (int field = kX; field < kFields; ++field) {
+    for (int field = kCsvX; field < kCsvFields; ++field) {
       if (columns[field].index < 0) continue;
       const std::string& word = words[columns[field].index];
       if (ParseNumber(word, values[field]) && std::abs(values[field]) <= kMaxRealityScanNumber) continue;
       faults->Add(lines.Location().Error(Quoted(word), absl::StrCat("a number in column ", columns[field].names[0])));
       good = false;
     }
-    const std::string& image_name = words[columns[kName].index];
-    if (good && !(values[kFocal] > 0)) {
-      faults->Add(lines.Location().Error(absl::StrCat("focal length ", values[kFocal]), "one above 0"));
+    const std::string& image_name = words[columns[kCsvName].index];
+    if (good && !(values[kCsvFocal] > 0)) {
+      faults->Add(lines.Location().Error(absl::StrCat("focal length ", values[kCsvFocal]), "one above 0"));
       good = false;
     }
     const auto [it, is_new] = lines_of_names.emplace(image_name, lines.number());
@@ -177,15 +195,15 @@ void ParseRealityScanCsv(const std::string& text, const std::string& name, const
       continue;
     }
     RealityScanCamera camera;
-    camera.focal_35mm = values[kFocal];
-    camera.principal_u = values[kPx];
-    camera.principal_v = values[kPy];
-    for (int k = 0; k < 6; ++k) camera.distortion[k] = values[kK1 + k];
+    camera.focal_35mm = values[kCsvFocal];
+    camera.principal_u = values[kCsvPx];
+    camera.principal_v = values[kCsvPy];
+    for (int k = 0; k < 6; ++k) camera.distortion[k] = values[kCsvK1 + k];
     BlockImage& image = block->images.emplace_back();
     image.path = image_name;
     image.location = absl::StrCat("line ", lines.number());
-    image.rotation_cam_from_block = RotationOfYawPitchRoll(values[kYaw], values[kPitch], values[kRoll]);
-    image.centre << values[kX], values[kY], values[kAlt];
+    image.rotation_cam_from_block = CsvRotation(values[kCsvYaw], values[kCsvPitch], values[kCsvRoll]);
+    image.centre << values[kCsvX], values[kCsvY], values[kCsvAlt];
     image.camera = cameras.IndexOf(RealityScanLens(camera, *size), absl::StrCat("camera of ", image_name));
   }
   if (stated_images >= 0 && stated_images != images) {

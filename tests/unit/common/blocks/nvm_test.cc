@@ -197,6 +197,9 @@ TEST(NvmTest, ReportsEveryFault) {
               ElementsAre("a.nvm: line 15: found image 9, expected an index below 9"));
   EXPECT_THAT(NvmFaults(with(15, "1 2 3 4 5 6 1 0 0 10 10 7"), truth),
               ElementsAre(HasSubstr("found '7', expected the end")));
+  EXPECT_THAT(
+      NvmFaults(with(5, lines[3]), truth),
+      ElementsAre(HasSubstr("line 5: found image images/a/IMG_100.jpg again, expected one line; line 4 has it")));
   const std::string cut = text.substr(0, text.size() / 2);
   EXPECT_THAT(NvmFaults(cut.substr(0, cut.rfind('\n') + 1), truth),
               ElementsAre(testing::ContainsRegex("found the end of the file, expected point [0-9]+ of 60")));

@@ -19,9 +19,8 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::SizeIs;
-using Kind = LensModel::Kind;
 
-ImportedBlock RealityScanTruth(Kind lens, bool square_pixels = true) {
+ImportedBlock RealityScanTruth(LensModel::Kind lens, bool square_pixels = true) {
   TruthOptions options;
   options.lens = lens;
   options.square_pixels = square_pixels;
@@ -46,7 +45,7 @@ std::vector<std::string> RealityScanTableFaults(const std::string& text, const I
   return faults.messages();
 }
 
-std::vector<std::string> SidecarFaults(const std::string& text) {
+std::vector<std::string> RealityScanSidecarFaults(const std::string& text) {
   RealityScanCamera camera;
   Faults faults;
   EXPECT_FALSE(ParseRealityScanXmp(text, "a.xmp", &camera, &faults));
@@ -88,12 +87,13 @@ void ExpectRealityScanMatches(const ImportedBlock& block, const ImportedBlock& t
 
 TEST(RealityScanTest, ReadsSidecars) {
   struct Case {
-    Kind lens;
+    LensModel::Kind lens;
     const char* model;
     bool square_pixels;
   };
-  for (const Case& c : {Case{Kind::kPinhole, "perspective", true}, Case{Kind::kRadial, "brown3", true},
-                        Case{Kind::kOpenCv, "brown3t2", true}, Case{Kind::kBrown, "brown4t2", false}}) {
+  for (const Case& c :
+       {Case{LensModel::Kind::kPinhole, "perspective", true}, Case{LensModel::Kind::kRadial, "brown3", true},
+        Case{LensModel::Kind::kOpenCv, "brown3t2", true}, Case{LensModel::Kind::kBrown, "brown4t2", false}}) {
     const std::string folder = FreshTestFolder("realityscan");
     const ImportedBlock truth = RealityScanTruth(c.lens, c.square_pixels);
     WriteRealityScanFolder(truth, folder, folder, c.model);
@@ -125,7 +125,7 @@ TEST(RealityScanTest, ReadsSidecars) {
 }
 
 TEST(RealityScanTest, ReadsTables) {
-  for (const Kind lens : {Kind::kPinhole, Kind::kOpenCv, Kind::kBrown}) {
+  for (const LensModel::Kind lens : {LensModel::Kind::kPinhole, LensModel::Kind::kOpenCv, LensModel::Kind::kBrown}) {
     ImportedBlock truth = RealityScanTruth(lens);
     for (BlockCamera& camera : truth.cameras) camera.lens.coefficients[6] = 0;  // tables have no skew
     for (BlockTiePoint& point : truth.points) {
@@ -143,7 +143,7 @@ TEST(RealityScanTest, ReadsTables) {
 }
 
 TEST(RealityScanTest, AnglesAreThoseOfItsHelp) {
-  const ImportedBlock truth = RealityScanTruth(Kind::kPinhole);
+  const ImportedBlock truth = RealityScanTruth(LensModel::Kind::kPinhole);
   const std::string header = "#name,x,y,alt,heading,pitch,roll,f,extra\n";
   const std::string name = truth.images[0].path;
   const auto rotation = [&](const std::string& angles) {
@@ -182,7 +182,7 @@ TEST(RealityScanTest, TangentialTermsAreThoseOfItsHelp) {
 
 TEST(RealityScanTest, FindsPhotographsInAnotherFolder) {
   const std::string folder = FreshTestFolder("realityscan");
-  ImportedBlock truth = RealityScanTruth(Kind::kPinhole);
+  ImportedBlock truth = RealityScanTruth(LensModel::Kind::kPinhole);
   truth.images.resize(2);
   truth.points.clear();
   WriteRealityScanFolder(truth, folder + "/sidecars", folder + "/photographs", "brown3");
@@ -202,7 +202,7 @@ TEST(RealityScanTest, FindsPhotographsInAnotherFolder) {
 
 TEST(RealityScanTest, ReadsOneComponent) {
   const std::string folder = FreshTestFolder("realityscan");
-  const ImportedBlock truth = RealityScanTruth(Kind::kPinhole);
+  const ImportedBlock truth = RealityScanTruth(LensModel::Kind::kPinhole);
   for (int i = 0; i < 5; ++i) {
     WriteImageHeader(absl::StrCat(folder, "/", i, ".jpg"), 4000, 3000);
     WriteText(absl::StrCat(folder, "/", i, ".xmp"), RealityScanSidecar(truth, i, "brown3", i < 2 ? "{A}" : "{B}"));
@@ -219,7 +219,7 @@ TEST(RealityScanTest, ReadsOneComponent) {
 }
 
 TEST(RealityScanTest, ReadsPropertiesInEitherForm) {
-  const ImportedBlock truth = RealityScanTruth(Kind::kPinhole);
+  const ImportedBlock truth = RealityScanTruth(LensModel::Kind::kPinhole);
   const std::string text = RealityScanSidecar(truth, 0, "brown3");
   RealityScanCamera camera;
   Faults faults;
@@ -239,24 +239,27 @@ TEST(RealityScanTest, ReadsPropertiesInEitherForm) {
 }
 
 TEST(RealityScanTest, ReportsEveryFaultOfSidecars) {
-  const ImportedBlock truth = RealityScanTruth(Kind::kBrown);
+  const ImportedBlock truth = RealityScanTruth(LensModel::Kind::kBrown);
   const std::string text = RealityScanSidecar(truth, 0, "brown4t2");
   const auto with = [&](const std::string& from, const std::string& to) {
     EXPECT_THAT(text, HasSubstr(from));
     return absl::StrReplaceAll(text, {{from, to}});
   };
-  EXPECT_THAT(SidecarFaults(text.substr(0, 300)), ElementsAre(HasSubstr("a.xmp: byte ")));
-  EXPECT_THAT(SidecarFaults(with("brown4t2", "division")),
+  EXPECT_THAT(RealityScanSidecarFaults(text.substr(0, 300)), ElementsAre(HasSubstr("a.xmp: byte ")));
+  EXPECT_THAT(RealityScanSidecarFaults(with("brown4t2", "division")),
               ElementsAre(HasSubstr("xcr:DistortionModel: found 'division', expected brown3, brown4, ")));
-  EXPECT_THAT(SidecarFaults(with("brown4t2", "brown3t2")), ElementsAre(HasSubstr("only those of brown3t2 in k1 k2")));
-  EXPECT_THAT(SidecarFaults(with("brown4t2", "brown4")), ElementsAre(HasSubstr("that the lens model does not have")));
-  EXPECT_THAT(SidecarFaults(with("Version=\"3\"", "Version=\"9\"")),
+  EXPECT_THAT(RealityScanSidecarFaults(with("brown4t2", "brown3t2")),
+              ElementsAre(HasSubstr("only those of brown3t2 in k1 k2")));
+  EXPECT_THAT(RealityScanSidecarFaults(with("brown4t2", "brown4")),
+              ElementsAre(HasSubstr("that the lens model does not have")));
+  EXPECT_THAT(RealityScanSidecarFaults(with("Version=\"3\"", "Version=\"9\"")),
               ElementsAre(HasSubstr("found '9', expected 2, 3")));
-  EXPECT_THAT(SidecarFaults(with("FocalLength35mm=\"", "FocalLength35mm=\"-")), ElementsAre(HasSubstr("above 0")));
-  EXPECT_THAT(SidecarFaults(with("<xcr:Position>", "<xcr:Position>nan 7 ")),
+  EXPECT_THAT(RealityScanSidecarFaults(with("FocalLength35mm=\"", "FocalLength35mm=\"-")),
+              ElementsAre(HasSubstr("above 0")));
+  EXPECT_THAT(RealityScanSidecarFaults(with("<xcr:Position>", "<xcr:Position>nan 7 ")),
               ElementsAre(HasSubstr("xcr:Position: found 5 words, expected 3 finite numbers")));
   EXPECT_THAT(
-      SidecarFaults(
+      RealityScanSidecarFaults(
           absl::StrReplaceAll(text, {{"<xcr:Rotation>", "<xcr:Rotation>1 0 0 0 1 0 1 0 0</xcr:Rotation><xcr:Old>"},
                                      {"</xcr:Rotation>", "</xcr:Old>"},
                                      {"PrincipalPointU=\"", "PrincipalPointU=\"x"}})),
@@ -264,7 +267,7 @@ TEST(RealityScanTest, ReportsEveryFaultOfSidecars) {
 }
 
 TEST(RealityScanTest, ReportsEveryFaultOfTables) {
-  const ImportedBlock truth = RealityScanTruth(Kind::kPinhole);
+  const ImportedBlock truth = RealityScanTruth(LensModel::Kind::kPinhole);
   const std::string text = RealityScanTable(truth, true), old = RealityScanTable(truth, false);
   const std::string name = truth.images[0].path, second = truth.images[1].path;
   const auto with = [&](const std::string& from, const std::string& to) {
@@ -295,7 +298,7 @@ TEST(RealityScanTest, ReportsEveryFaultOfTables) {
 TEST(RealityScanTest, ChoosesAmongFiles) {
   const std::string folder = FreshTestFolder("realityscan");
   EXPECT_FALSE(IsRealityScan(folder));
-  const ImportedBlock truth = RealityScanTruth(Kind::kPinhole);
+  const ImportedBlock truth = RealityScanTruth(LensModel::Kind::kPinhole);
   WriteText(folder + "/notes.csv", "a,b,c\n");
   EXPECT_FALSE(IsRealityScan(folder));
   WriteText(folder + "/a.csv", RealityScanTable(truth, true));
