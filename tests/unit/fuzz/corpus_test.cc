@@ -16,6 +16,8 @@
 #include "tests/fuzz/likelihoods_target.h"
 #include "tests/fuzz/npy_target.h"
 #include "tests/fuzz/obj_target.h"
+#include "tests/fuzz/openmvs_target.h"
+#include "tests/fuzz/opensfm_target.h"
 #include "tests/fuzz/ply_target.h"
 #include "tests/fuzz/records_target.h"
 #include "tests/fuzz/rpc_target.h"
@@ -42,6 +44,8 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"likelihoods", RunLikelihoodsTarget},
     {"npy", RunNpyTarget},
     {"obj", RunObjTarget},
+    {"openmvs", RunOpenMvsTarget},
+    {"opensfm", RunOpenSfmTarget},
     {"ply", RunPlyTarget},
     {"records", RunRecordsTarget},
     {"rpc", RunRpcTarget},
