@@ -7,7 +7,7 @@
 // - X_relative = transform X_absolute is optional; the poses are relative.
 #include "common/blocks/openmvs.h"
 
-#include <Eigen/Geometry>
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -33,6 +33,7 @@ constexpr uint32_t kMvsNoId = 0xffffffff;
 constexpr uint32_t kMvsNewestVersion = 7;
 constexpr size_t kMvsMaxFaults = 100;  // a damaged file does not get a message for each of its points
 constexpr double kMvsRotationTolerance = 1e-3;
+constexpr double kMvsLargest = 1e12;  // of numbers, so that products stay finite
 
 using MvsMatrix3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using MvsMatrix4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
@@ -212,20 +213,26 @@ MvsScene ReadMvsScene(MvsReader& in, uint32_t version) {
   return scene;
 }
 
-bool IsMvsRotation(const MvsMatrix3& R) {
+bool IsMvsPose(const MvsMatrix3& R, const Eigen::Vector3d& C) {
   return R.allFinite() && (R * R.transpose() - MvsMatrix3::Identity()).cwiseAbs().maxCoeff() <= kMvsRotationTolerance &&
-         R.determinant() > 0;
+         R.determinant() > 0 && C.allFinite() && C.cwiseAbs().maxCoeff() <= kMvsLargest;
+}
+
+// The nearest rotation.
+Eigen::Matrix3d OrthonormalMvs(const Eigen::Matrix3d& R) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return svd.matrixU() * svd.matrixV().transpose();
 }
 
 Status CheckMvsCamera(const MvsCamera& camera, const std::string& file, const std::string& location) {
   const MvsMatrix3& K = camera.K;
-  if (!K.allFinite() || !(K(0, 0) > 0) || !(K(1, 1) > 0) || K(1, 0) != 0 || K(2, 0) != 0 || K(2, 1) != 0 ||
-      K(2, 2) != 1) {
+  if (!K.allFinite() || K.cwiseAbs().maxCoeff() > kMvsLargest || !(K(0, 0) > 0) || !(K(1, 1) > 0) || K(1, 0) != 0 ||
+      K(2, 0) != 0 || K(2, 1) != 0 || K(2, 2) != 1) {
     return InputError(file, location, "a matrix K that is no camera matrix", "[fx s cx; 0 fy cy; 0 0 1], fx, fy > 0");
   }
   if ((camera.width == 0) != (camera.height == 0) || camera.width > 1'000'000 || camera.height > 1'000'000)
     return InputError(file, location, absl::StrCat("an image size of ", camera.width, " x ", camera.height), "a size");
-  if (!IsMvsRotation(camera.R) || !camera.C.allFinite())
+  if (!IsMvsPose(camera.R, camera.C))
     return InputError(file, location, "a matrix R or a position C that is no pose", "a rotation and a position");
   return absl::OkStatus();
 }
@@ -263,6 +270,7 @@ void AddMvsImages(const MvsScene& scene, const std::string& file,
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const MvsImage& from = scene.images[i];
     const std::string location = absl::StrCat("image ", i, " (", Printable(from.name), ")");
+    if (from.name.empty()) fault(InputError(file, location, "no name", "the name of the image's file"));
     if (const auto [first, added] = numbers.emplace(from.name, i); !added)
       fault(InputError(file, location, "the name of another image",
                        absl::StrCat("a name that image ", first->second, " does not have")));
@@ -311,12 +319,12 @@ void AddMvsImages(const MvsScene& scene, const std::string& file,
         continue;
       }
       const MvsPose& pose = platform.poses[from.pose];
-      if (!IsMvsRotation(pose.R) || !pose.C.allFinite()) {
+      if (!IsMvsPose(pose.R, pose.C)) {
         fault(InputError(file, location, absl::StrCat("a pose ", from.pose, " that is no rotation and position"),
                          "an orthonormal matrix R and finite numbers"));
         continue;
       }
-      image.rotation_cam_from_block = camera.R * pose.R;
+      image.rotation_cam_from_block = OrthonormalMvs(camera.R * pose.R);
       image.centre = pose.R.transpose() * camera.C + pose.C;
     }
     block->images.push_back(image);

@@ -33,6 +33,7 @@ using Json = nlohmann::json;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+constexpr double kSfmLargest = 1e12;   // of coordinates, so that products stay finite
 constexpr size_t kSfmMaxFaults = 100;  // of keys and points
 
 const Json kSfmNone;
@@ -85,7 +86,7 @@ std::optional<Vector3d> SfmVector(const Json& value) {
   Vector3d vector;
   for (int k = 0; k < 3; ++k) {
     const std::optional<double> number = SfmNumber(value[k]);
-    if (!number.has_value()) return std::nullopt;
+    if (!number.has_value() || std::abs(*number) > kSfmLargest) return std::nullopt;
     vector[k] = *number;
   }
   return vector;
@@ -222,6 +223,7 @@ void ReadSfmShots(SfmContext& in) {
         in.block.cameras.push_back(read);
       }
     }
+    if (name.empty()) in.Fault(at, "no name", "the name of the image's file");
     const auto rig = rigs.find(name);
     std::optional<SfmPose> pose = ReadSfmPose(shot);
     const bool has_own = shot.contains("rotation") || shot.contains("translation");

@@ -22,6 +22,8 @@
 #include "tests/fuzz/nvm_target.h"
 #include "tests/fuzz/obj_target.h"
 #include "tests/fuzz/pix4d_target.h"
+#include "tests/fuzz/openmvs_target.h"
+#include "tests/fuzz/opensfm_target.h"
 #include "tests/fuzz/ply_target.h"
 #include "tests/fuzz/realityscan_target.h"
 #include "tests/fuzz/records_target.h"
@@ -55,6 +57,8 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"nvm", RunNvmTarget},
     {"obj", RunObjTarget},
     {"pix4d", RunPix4dTarget},
+    {"openmvs", RunOpenMvsTarget},
+    {"opensfm", RunOpenSfmTarget},
     {"ply", RunPlyTarget},
     {"realityscan", RunRealityscanTarget},
     {"records", RunRecordsTarget},
