@@ -58,16 +58,11 @@ struct Tally {
   }
 };
 
-struct PairFigures {
-  int reference = 0, other = 0;
-  FitShare share;
-};
-
 // A view is misplaced if most of its pairs are far worse than those of the other views: their offsets across the
 // epipolar lines are larger, or so large that nothing matches.
-void FindMisplaced(const std::vector<PairFigures>& pairs, SceneFit* fit) {
+void FindMisplaced(const std::vector<FitPairShare>& pairs, SceneFit* fit) {
   std::vector<double> across, above;
-  for (const PairFigures& pair : pairs) {
+  for (const FitPairShare& pair : pairs) {
     above.push_back(pair.share.above_chance);
     if (pair.share.across_px >= 0) across.push_back(pair.share.across_px);
   }
@@ -78,7 +73,7 @@ void FindMisplaced(const std::vector<PairFigures>& pairs, SceneFit* fit) {
   const double usual_above = above[3 * above.size() / 4];
   const double far_px = std::max(kMisplaced_px, usual_px + kMisplacedSpreads * (usual_px - small_px));
   std::vector<std::array<int, 2>> count(fit->views.size());  // pairs, bad ones
-  for (const PairFigures& pair : pairs) {
+  for (const FitPairShare& pair : pairs) {
     const bool bad = pair.share.across_px > far_px || pair.share.above_chance < kMisplacedShare * usual_above;
     for (const int view : {pair.reference, pair.other}) {
       ++count[view][0];
@@ -226,7 +221,6 @@ SceneFit SumUpFit(const SceneDescription& scene, const std::vector<FitMatches>& 
   const double chance = ChanceLimit(pairs);
   Tally all;
   std::vector<Tally> of_view(scene.views.size()), of_camera(fit.cameras.size());
-  std::vector<PairFigures> of_pair;
   for (size_t p = 0; p < pairs.size(); ++p) {
     const FitMatches& pair = pairs[p];
     Tally tally;
@@ -235,13 +229,13 @@ SceneFit SumUpFit(const SceneDescription& scene, const std::vector<FitMatches>& 
     for (const auto& [point, match] : pair.matches) {
       for (Tally* each : tallies) each->Add(static_cast<int>(p), match, pair.scale, chance);
     }
-    if (tally.patches >= kLeastPatches) of_pair.push_back({pair.reference, pair.other, tally.Share()});
+    if (tally.patches >= kLeastPatches) fit.pairs.push_back({pair.reference, pair.other, tally.Share()});
   }
   fit.all = all.Share();
   fit.least_above_chance = LeastAboveChance(pairs, chance, fit.all.patches);
   for (size_t v = 0; v < of_view.size(); ++v) fit.views[v] = of_view[v].Share();
   for (size_t c = 0; c < of_camera.size(); ++c) fit.camera_shares[c] = of_camera[c].Share();
-  FindMisplaced(of_pair, &fit);
+  FindMisplaced(fit.pairs, &fit);
   FitShiftAndFocals(pairs, &fit);
   return fit;
 }

@@ -32,9 +32,15 @@ struct FitShare {
 // Share of patches that correlate by chance: by the definition of FitShare::above_chance.
 inline constexpr double kChanceShare = 0.05;
 
+struct FitPairShare {
+  int reference = 0, other = 0;  // views
+  FitShare share;
+};
+
 struct SceneFit {
   FitShare all;
-  std::vector<FitShare> views;  // of each view
+  std::vector<FitShare> views;      // of each view
+  std::vector<FitPairShare> pairs;  // with enough patches
   // The share above chance that a scene must exceed to have anything in common with its images: three times the share
   // by chance, so that most matches are true ones, and five standard deviations above it. The deviation is that of the
   // patches at random places, between pairs.
