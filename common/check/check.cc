@@ -179,7 +179,8 @@ class SceneChecker {
                              MeasureCoverage(scene_, repaired->mesh, kMaxSampledFaces, control_));
     TESSERA_ASSIGN_OR_RETURN(const bool has_reading, CheckFit(repaired->mesh, AllViewsSee(coverage)));
     if (faults_.empty() && scene_.classes.size() > 1) {
-      WarnOfLabels(scene_, repaired->mesh, digests_, has_up_, &warnings_);
+      AddAvoidableFault(JudgeLabels(scene_, repaired->mesh, digests_, has_up_, &warnings_),
+                        "likelihoods and labels do not agree", load_.anyway, &faults_, &warnings_);
     }
     if (!has_reading) AddVisibilityFaults(scene_, coverage, &faults_);  // else they follow from the reading
     summary_.faces_tried = coverage.faces_tried;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <set>
 #include <utility>
@@ -23,6 +24,8 @@ constexpr int kLeastPatches = 10;  // that a median is taken of
 // of patches above chance is below this share of that of good pairs.
 constexpr double kMisplaced_px = 0.7, kMisplacedSpreads = 8, kMisplacedShare = 0.4;
 constexpr double kNoFitDeviations = 5;
+constexpr size_t kLeastPairs = 4;           // that a quantile is taken of
+constexpr double kUpperQuartile = 1.15035;  // of the absolute value of a standard normal variable
 // Shifts of the mesh to the sides that are tried, for every n-th patch.
 constexpr double kTrialShifts_m[] = {2, 5};
 constexpr int kTrialDirections = 4, kTrials = 2 * kTrialDirections;
@@ -34,10 +37,15 @@ double Median(std::vector<double> values) {
   return *middle;
 }
 
+double MedianSize(std::vector<double> values) {
+  for (double& value : values) value = std::abs(value);
+  return Median(std::move(values));
+}
+
 struct Tally {
   std::set<int> pairs;
   int64_t patches = 0, above = 0;
-  std::vector<double> across, along;
+  std::vector<double> across, along;  // signed
 
   void Add(int pair, const PatchMatch& match, double scale, double chance) {
     pairs.insert(pair);
@@ -45,44 +53,65 @@ struct Tally {
     above += match.correlation > chance;
     if (!match.distinct) return;
     const Eigen::Vector2d& e = match.epipolar_dir;
-    across.push_back(scale * std::abs(match.shift_px.x() * e.y() - match.shift_px.y() * e.x()));
-    along.push_back(scale * std::abs(match.shift_px.dot(e)));
+    across.push_back(scale * (match.shift_px.x() * e.y() - match.shift_px.y() * e.x()));
+    along.push_back(scale * match.shift_px.dot(e));
   }
   FitShare Share() const {
     FitShare share;
     share.pairs = static_cast<int>(pairs.size());
     share.patches = patches;
     if (patches > 0) share.above_chance = static_cast<double>(above) / static_cast<double>(patches);
-    if (across.size() >= kLeastPatches) share.across_px = Median(across), share.along_px = Median(along);
+    if (across.size() >= kLeastPatches) share.across_px = MedianSize(across), share.along_px = MedianSize(along);
     return share;
   }
 };
 
-// A view is misplaced if most of its pairs are far worse than those of the other views: their offsets across the
-// epipolar lines are larger, or so large that nothing matches.
+// A view is misplaced if its pairs with most of its partners are far worse than those of the other views: their offsets
+// across the epipolar lines are larger, or so large that nothing matches. Both pairs of two views count once: an error
+// along their epipolar lines shows in neither.
 void FindMisplaced(const std::vector<FitPairShare>& pairs, SceneFit* fit) {
   std::vector<double> across, above;
   for (const FitPairShare& pair : pairs) {
     above.push_back(pair.share.above_chance);
     if (pair.share.across_px >= 0) across.push_back(pair.share.across_px);
   }
-  if (across.size() < 4) return;
+  if (across.size() < kLeastPairs) return;
   std::sort(across.begin(), across.end());
   std::sort(above.begin(), above.end());
   const double usual_px = across[across.size() / 4], small_px = across[across.size() / 20];
   const double usual_above = above[3 * above.size() / 4];
   const double far_px = std::max(kMisplaced_px, usual_px + kMisplacedSpreads * (usual_px - small_px));
-  std::vector<std::array<int, 2>> count(fit->views.size());  // pairs, bad ones
+  std::vector<int> count(fit->views.size());                     // of pairs
+  std::vector<std::map<int, bool>> partners(fit->views.size());  // whether a pair with them is bad
   for (const FitPairShare& pair : pairs) {
     const bool bad = pair.share.across_px > far_px || pair.share.above_chance < kMisplacedShare * usual_above;
-    for (const int view : {pair.reference, pair.other}) {
-      ++count[view][0];
-      count[view][1] += bad;
+    for (const auto& [view, partner] : {std::pair(pair.reference, pair.other), std::pair(pair.other, pair.reference)}) {
+      ++count[view];
+      partners[view][partner] |= bad;
     }
   }
   for (size_t v = 0; v < count.size(); ++v) {
-    if (count[v][0] >= 3 && count[v][1] > 0.75 * count[v][0]) fit->misplaced.push_back(static_cast<int>(v));
+    const auto bad =
+        std::count_if(partners[v].begin(), partners[v].end(), [](const auto& each) { return each.second; });
+    if (count[v] >= 3 && static_cast<double>(bad) > 0.75 * static_cast<double>(partners[v].size())) {
+      fit->misplaced.push_back(static_cast<int>(v));
+    }
   }
+}
+
+// SceneFit::pose_error_px. Errors of the poses shift all patches of a pair alike, and those of single matches cancel in
+// its median. Errors of e pixels in random directions in both images give medians with a standard deviation of e. It is
+// taken from the upper quartile, which a few wrong pairs do not change.
+double PoseError(const std::vector<FitPairShare>& pairs, const std::vector<int>& misplaced) {
+  std::vector<double> medians;
+  const auto is_misplaced = [&](int view) { return std::binary_search(misplaced.begin(), misplaced.end(), view); };
+  for (const FitPairShare& pair : pairs) {
+    if (pair.share.across_px < 0 || is_misplaced(pair.reference) || is_misplaced(pair.other)) continue;
+    medians.push_back(std::abs(pair.signed_across_px));
+  }
+  if (medians.size() < kLeastPairs) return -1;
+  std::sort(medians.begin(), medians.end());
+  return medians[3 * medians.size() / 4] / kUpperQuartile;
 }
 
 // Fits mesh_shift_m and focal_changes to the offsets of all distinct matches, by least absolute values. Offsets across
@@ -229,13 +258,15 @@ SceneFit SumUpFit(const SceneDescription& scene, const std::vector<FitMatches>& 
     for (const auto& [point, match] : pair.matches) {
       for (Tally* each : tallies) each->Add(static_cast<int>(p), match, pair.scale, chance);
     }
-    if (tally.patches >= kLeastPatches) fit.pairs.push_back({pair.reference, pair.other, tally.Share()});
+    if (tally.patches < kLeastPatches) continue;
+    fit.pairs.push_back({pair.reference, pair.other, tally.Share(), tally.across.empty() ? 0 : Median(tally.across)});
   }
   fit.all = all.Share();
   fit.least_above_chance = LeastAboveChance(pairs, chance, fit.all.patches);
   for (size_t v = 0; v < of_view.size(); ++v) fit.views[v] = of_view[v].Share();
   for (size_t c = 0; c < of_camera.size(); ++c) fit.camera_shares[c] = of_camera[c].Share();
   FindMisplaced(fit.pairs, &fit);
+  fit.pose_error_px = PoseError(fit.pairs, fit.misplaced);
   FitShiftAndFocals(pairs, &fit);
   return fit;
 }

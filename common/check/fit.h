@@ -35,6 +35,7 @@ inline constexpr double kChanceShare = 0.05;
 struct FitPairShare {
   int reference = 0, other = 0;  // views
   FitShare share;
+  double signed_across_px = 0;  // median of the offsets across the epipolar line, if share.across_px >= 0
 };
 
 struct SceneFit {
@@ -46,6 +47,9 @@ struct SceneFit {
   // patches at random places, between pairs.
   double least_above_chance = 3 * kChanceShare;
   std::vector<int> misplaced;  // views whose pairs disagree with those of the others
+  // How far the poses of the other views are wrong, in pixels of the images: estimated from the offsets across the
+  // epipolar lines that all patches of a pair have in common. -1: too few pairs.
+  double pose_error_px = -1;
   // The translation of the mesh (local frame) and the relative changes of the cameras' focal lengths that together
   // explain the offsets best.
   Eigen::Vector3d mesh_shift_m = Eigen::Vector3d::Zero();

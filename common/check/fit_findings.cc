@@ -59,9 +59,11 @@ nlohmann::ordered_json ShareToJson(const FitShare& share) {
 
 }  // namespace
 
-bool NeedsReading(const SceneFit& fit, double gsd_m) {
-  return fit.all.patches < kJudgedPatches || fit.all.above_chance < kBadFit || IsShift(fit.mesh_shift_m, gsd_m) ||
-         fit.sideways_deviations > kSuspectedSideways;
+ReadingSearch SearchFor(const SceneFit& fit, double gsd_m, bool all_views_see) {
+  ReadingSearch search;
+  search.all = fit.all.patches < kJudgedPatches || fit.all.above_chance < kBadFit || !all_views_see;
+  search.shift = IsShift(fit.mesh_shift_m, gsd_m) || fit.sideways_deviations > kSuspectedSideways;
+  return search;
 }
 
 Status JudgeFit(const SceneDescription& scene, const SceneFit& fit, const Reading& reading, double gsd_m,
@@ -82,13 +84,14 @@ Status JudgeFit(const SceneDescription& scene, const SceneFit& fit, const Readin
   const auto warn = [&](const std::string& text) { warnings->push_back(text); };
   // If little matches anywhere, differences between images say nothing about them.
   if (!fit.misplaced.empty() && 2 * fit.misplaced.size() < fit.views.size() && fit.all.above_chance >= kBadFit) {
-    warn(absl::StrCat(fit.misplaced.size() == 1 ? "image" : "images", " that disagree with all others: ",
-                      Names(scene, fit.misplaced), ": check their poses, or remove them"));
-  } else if (fit.all.across_px > kGoodPoses_px) {
+    warn(absl::StrCat(fit.misplaced.size() == 1 ? "image that disagrees" : "images that disagree",
+                      " with all others: ", Names(scene, fit.misplaced), ": check their poses, or remove them"));
+  }
+  if (fit.pose_error_px > kGoodPoses_px) {
     warn(
-        absl::StrFormat("%s: poses are wrong by %.2f px in the median (across the epipolar lines), expected at most "
-                        "%.2f px: adjust the bundle again",
-                        scene.cameras_folder, fit.all.across_px, kGoodPoses_px));
+        absl::StrFormat("%s: poses are wrong by about %.2f px (across the epipolar lines), expected at most %.2f px: "
+                        "adjust the bundle again",
+                        scene.cameras_folder, fit.pose_error_px, kGoodPoses_px));
   }
   for (const int camera : MisplacedCameras(fit)) {
     warn(
@@ -128,23 +131,25 @@ StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& su
                              const TaskControl& control, Warnings* warnings) {
   JudgedFit judged;
   TESSERA_ASSIGN_OR_RETURN(judged.fit, MeasureFit(scene, surface, FitOptions(), control));
-  Reading reading;
-  if (!all_views_see || NeedsReading(judged.fit, gsd_m)) {
-    TESSERA_ASSIGN_OR_RETURN(reading, FindReading(scene, surface, judged.fit, gsd_m, all_views_see, control));
-  }
+  TESSERA_ASSIGN_OR_RETURN(const Reading reading, FindReading(scene, surface, judged.fit, gsd_m,
+                                                              SearchFor(judged.fit, gsd_m, all_views_see), control));
   judged.fault = JudgeFit(scene, judged.fit, reading, gsd_m, warnings);
   judged.has_reading = !reading.fault.empty();
   return judged;
 }
 
-void AddFitFault(const JudgedFit& judged, bool anyway, Faults* faults, Warnings* warnings) {
-  if (judged.fault.ok()) return;
+void AddAvoidableFault(const Status& fault, const char* although, bool anyway, Faults* faults, Warnings* warnings) {
+  if (fault.ok()) return;
   if (anyway) {
-    warnings->emplace_back(judged.fault.message());
+    warnings->emplace_back(fault.message());
     return;
   }
-  faults->Add(judged.fault);
-  faults->Add(absl::InvalidArgumentError("to go on although images, poses and mesh do not fit: --anyway"));
+  faults->Add(fault);
+  faults->Add(absl::InvalidArgumentError(absl::StrCat("to go on although ", although, ": --anyway")));
+}
+
+void AddFitFault(const JudgedFit& judged, bool anyway, Faults* faults, Warnings* warnings) {
+  AddAvoidableFault(judged.fault, "images, poses and mesh do not fit", anyway, faults, warnings);
 }
 
 FitTable MakeFitTable(const SceneDescription& scene, const SceneFit& fit, const TiePointFigures* tie_points) {

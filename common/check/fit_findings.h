@@ -13,8 +13,8 @@
 
 namespace tessera {
 
-// Whether FindReading should look for what is wrong with the whole scene.
-bool NeedsReading(const SceneFit& fit, double gsd_m);
+// What may be wrong with the whole scene. `all_views_see`: each view sees the front of the mesh.
+ReadingSearch SearchFor(const SceneFit& fit, double gsd_m, bool all_views_see);
 
 // INVALID_ARGUMENT if images, poses and mesh correlate no better than by chance, with the reading that would fit. Adds
 // warnings about misplaced views, poses, focal lengths, a shifted mesh and a bad fit.
@@ -28,11 +28,13 @@ struct JudgedFit {
 };
 
 // MeasureFit, FindReading if needed, and JudgeFit. `gsd_m`: 0 if no camera sees the mesh. `all_views_see`: as
-// in FindReading.
+// in SearchFor.
 StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m, bool all_views_see,
                              const TaskControl& control, Warnings* warnings);
 
-// Adds the fault to `faults`, with the option that makes it a warning; `anyway`: to `warnings`.
+// Adds the fault, if it is one, to `faults`, with the option that makes it a warning; `anyway`: to `warnings`.
+// `although`: what would be wrong then, such as "images, poses and mesh do not fit".
+void AddAvoidableFault(const Status& fault, const char* although, bool anyway, Faults* faults, Warnings* warnings);
 void AddFitFault(const JudgedFit& judged, bool anyway, Faults* faults, Warnings* warnings);
 
 // The fit by camera and by image.

@@ -19,7 +19,12 @@ namespace tessera {
 namespace {
 
 constexpr double kFoot_m = 0.3048;
-constexpr double kFits_px = 0.75;  // median offsets under a right reading
+// Under a right reading, the largest median offset across the epipolar lines, and half of that along them; and under a
+// reading that is only near the truth.
+constexpr double kFits_px = 0.75, kNear_px = 4;
+// Maps that move a unit vector of the up direction by less keep it.
+constexpr double kSameUp = 0.5;
+constexpr double kFocalErrors[] = {0.005, 0.01, 0.015, 0.02, 0.03};  // that are tried, relative
 // Enough to tell a fit from chance.
 constexpr FitOptions kSmall = {.pairs = 16, .patches = 60};
 // With fewer patches, only a small part of the surface matches, such as walls, which many readings leave in their
@@ -30,14 +35,17 @@ constexpr int64_t kSmallImage = 1'500'000, kKeptImages = 48;
 // A shift is searched from this far above and below, and then around the best place, with halved steps.
 constexpr double kHighestShift_m = 60, kFirstStep_m = 4, kLastStep_m = 0.2;
 constexpr int kMostMoves = 20;
-// A shift is significant if the patches that match by it, less those that match no more, exceed this many standard
-// deviations of their number by chance. Patches share images and pixels: about two of them count for one.
-constexpr double kShiftDeviations = 5, kPatchesOfOne = 2;
+// A reading or shift is significant if the patches that match by it, less those that match no more, exceed this many
+// standard deviations of their number by chance. Patches share images and pixels: about two of them count for one.
+constexpr double kSignificantDeviations = 5, kSuspectedDeviations = 1, kPatchesOfOne = 2;
 
 struct Candidate {
   std::string fault;
   std::function<void(SceneDescription* scene)> correct;
-  bool inwards = false;  // only with the faces turned
+  enum class Faces { kBoth, kInwards, kOutwards };
+  Faces faces = Faces::kBoth;  // repair turns a mesh to the side that the cameras see, so wrong poses turn a right one
+  bool keeps_up = false;       // the up direction of the mesh stays
+  double fits_px = kFits_px;
 };
 
 // Edits poses in scene coordinates.
@@ -120,7 +128,23 @@ Candidate OfTurn(const char* fault, int cosine, int sine) {
           }};
 }
 
+// Focal lengths that are wrong by `error`.
+Candidate OfFocal(double error) {
+  Candidate made{absl::StrFormat("each camera has focal lengths that are about %.1f %% too %s: divide them by %.3f",
+                                 100 * std::abs(error), error > 0 ? "large" : "small", 1 + error),
+                 [error](SceneDescription* scene) {
+                   for (SceneView& view : scene->views) {
+                     view.camera.intrinsics.fx /= 1 + error;
+                     view.camera.intrinsics.fy /= 1 + error;
+                   }
+                 }};
+  made.fits_px = kNear_px;
+  made.faces = Candidate::Faces::kOutwards;
+  return made;
+}
+
 std::vector<Candidate> Candidates(const SceneDescription& scene) {
+  const Eigen::Vector3d up = scene.frame.rotation_local_from_scene().transpose() * scene.up_in_local;
   std::vector<Candidate> all;
   all.push_back(OfScale("feet", kFoot_m));
   all.push_back(OfScale("centimetres", 0.01));
@@ -130,7 +154,8 @@ std::vector<Candidate> Candidates(const SceneDescription& scene) {
                  [](SceneDescription* edited) {
                    EditPoses(edited, [](Eigen::Matrix3d*, Eigen::Vector3d* t) { *t *= kFoot_m; });
                  }});
-  all.push_back({"the faces of the mesh are oriented inwards: turn them", [](SceneDescription*) {}, true});
+  all.push_back(
+      {"the faces of the mesh are oriented inwards: turn them", [](SceneDescription*) {}, Candidate::Faces::kInwards});
   int order[3] = {1, 2, 3};
   do {
     for (int signs = 0; signs < 8; ++signs) {
@@ -138,6 +163,7 @@ std::vector<Candidate> Candidates(const SceneDescription& scene) {
       const int z = signs & 4 ? -order[2] : order[2];
       if (x == 1 && y == 2 && z == 3) continue;
       all.push_back(OfMesh(AxesFault(x, y, z), 1, Axes(x, y, z)));
+      all.back().keeps_up = (Axes(x, y, z) * up - up).norm() < kSameUp;
     }
   } while (std::next_permutation(order, order + 3));
   all.push_back({"poses are camera-to-world: COLMAP stores world-to-camera; invert them", [](SceneDescription* edited) {
@@ -167,6 +193,10 @@ std::vector<Candidate> Candidates(const SceneDescription& scene) {
            view.camera.intrinsics.cy = 0.5 * view.camera.intrinsics.height;
          }
        }});
+  all.back().fits_px = kNear_px;
+  for (const double error : kFocalErrors) {
+    for (const double sign : {-1.0, 1.0}) all.push_back(OfFocal(sign * error));
+  }
   all.push_back(OfTurn("the photographs are turned by 180 degrees against the poses", -1, 0));
   const bool square = std::all_of(scene.views.begin(), scene.views.end(), [](const SceneView& view) {
     return view.camera.intrinsics.width == view.camera.intrinsics.height;
@@ -277,7 +307,7 @@ class Trials {
       more += best[i] > start[i];
       less += best[i] < start[i];
     }
-    if (!(more - less > kShiftDeviations * std::sqrt(kPatchesOfOne * (more + less)))) return absl::OkStatus();
+    if (!(more - less > kSignificantDeviations * std::sqrt(kPatchesOfOne * (more + less)))) return absl::OkStatus();
     reading->mesh_shift_m = best_m;
     reading->above_chance = static_cast<double>(count(best)) / static_cast<double>(patches.size());
     return absl::OkStatus();
@@ -297,45 +327,59 @@ class Trials {
   FitImages images_;
 };
 
+// Patches that match count, not their share: a wrong reading may have few patches that match well.
+double Matching(const SceneFit& fit) { return fit.all.above_chance * static_cast<double>(fit.all.patches); }
+
+// How many more patches match, in standard deviations of the difference by chance.
+double DeviationsBetter(const SceneFit& fit, const SceneFit& than) {
+  const double variance =
+      kPatchesOfOne * (Matching(fit) * (1 - fit.all.above_chance) + Matching(than) * (1 - than.all.above_chance));
+  return (Matching(fit) - Matching(than)) / std::sqrt(std::max(variance, 1.0));
+}
+
 }  // namespace
 
 StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
-                              double gsd_m, bool all_views_see, const TaskControl& control) {
+                              double gsd_m, const ReadingSearch& search, const TaskControl& control) {
   Trials trials(scene, surface);
   Reading best;
   best.above_chance = fit.all.above_chance;
-  // Patches that match count, not their share: a wrong reading may have few patches that match well.
-  const auto matching = [](const SceneFit& found) {
-    return found.all.above_chance * static_cast<double>(found.all.patches);
-  };
-  const bool fits = fit.all.patches >= kJudgedPatches && fit.all.above_chance >= kBadFit && all_views_see;
-  if (!fits) {
-    TESSERA_ASSIGN_OR_RETURN(const SceneFit as_is, trials.Fit(scene, false, control));
-    double most = 2 * matching(as_is);
-    for (const Candidate& candidate : Candidates(scene)) {
-      SceneDescription corrected = scene;
-      candidate.correct(&corrected);
-      // Repair turns a mesh to the side that the cameras see, so wrong poses turn a right one.
-      for (const bool inwards : {false, true}) {
-        if (candidate.inwards && !inwards) continue;
-        TESSERA_ASSIGN_OR_RETURN(const SceneFit found, trials.Fit(corrected, inwards, control));
-        if (found.all.patches < kLeastPatchesOfReading || found.all.above_chance < kBadFit) continue;
-        // A wrong reading may match flat ground, but not where the mesh puts it.
-        if (!(found.all.across_px >= 0 && found.all.across_px < kFits_px && found.all.along_px < 2 * kFits_px))
-          continue;
-        if (matching(found) <= most) continue;
-        most = matching(found);
-        best = {candidate.fault, found.all.above_chance, Eigen::Vector3d::Zero()};
+  TESSERA_ASSIGN_OR_RETURN(const SceneFit as_is, trials.Fit(scene, false, control));
+  SceneFit best_fit = as_is;
+  for (const Candidate& candidate : Candidates(scene)) {
+    if (!search.all && !candidate.keeps_up) continue;
+    SceneDescription corrected = scene;
+    candidate.correct(&corrected);
+    for (const bool inwards : {false, true}) {
+      if (candidate.faces == (inwards ? Candidate::Faces::kOutwards : Candidate::Faces::kInwards)) continue;
+      if (inwards && !search.all) continue;
+      TESSERA_ASSIGN_OR_RETURN(const SceneFit found, trials.Fit(corrected, inwards, control));
+      if (found.all.patches < kLeastPatchesOfReading || found.all.above_chance < kBadFit) continue;
+      // A wrong reading may match flat ground, but not where the mesh puts it.
+      if (!(found.all.across_px >= 0 && found.all.across_px < candidate.fits_px &&
+            found.all.along_px < 2 * candidate.fits_px))
+        continue;
+      // In a scene that fits, a reading is suspected first, and then measured with as many patches as the scene.
+      const double least_deviations = search.all ? kSignificantDeviations : kSuspectedDeviations;
+      if (Matching(found) <= Matching(best_fit) || DeviationsBetter(found, as_is) < least_deviations) continue;
+      double above_chance = found.all.above_chance;
+      if (!search.all) {
+        TESSERA_ASSIGN_OR_RETURN(const SceneFit measured, MeasureFit(corrected, surface, FitOptions(), control));
+        if (DeviationsBetter(measured, fit) < kSignificantDeviations) continue;
+        above_chance = measured.all.above_chance;
       }
+      best_fit = found;
+      best = {candidate.fault, above_chance, Eigen::Vector3d::Zero()};
     }
   }
+  if (!search.all && (!search.shift || !best.fault.empty())) return best;
   Reading moved;
   moved.above_chance = fit.all.above_chance;
-  TESSERA_RETURN_IF_ERROR(trials.FindShift(gsd_m, !fits, control, &moved));
+  TESSERA_RETURN_IF_ERROR(trials.FindShift(gsd_m, search.all, control, &moved));
   const double least = std::max({2 * fit.all.above_chance, kBadFit, best.fault.empty() ? 0 : best.above_chance});
   if (!best.fault.empty() && moved.above_chance <= least) return best;
   best = moved;
-  if (!fits && best.above_chance > least) {
+  if (search.all && best.above_chance > least) {
     const Eigen::Vector3d shift_m = scene.frame.rotation_local_from_scene().transpose() * best.mesh_shift_m;
     best.fault = absl::StrFormat("the mesh has another offset: move it by (%.1f, %.1f, %.1f) m", shift_m.x(),
                                  shift_m.y(), shift_m.z());

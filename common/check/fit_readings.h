@@ -19,12 +19,19 @@ struct Reading {
   Eigen::Vector3d mesh_shift_m = Eigen::Vector3d::Zero();
 };
 
-// The reading under which most patches correlate, if they are at least twice as many and it fits at all: another
-// unit or other axes of the mesh, its faces oriented inwards, an offset of the mesh, poses that are camera-to-world, of
-// OpenGL, or with quaternions in another order, a principal point that is missing, photographs that are turned. `gsd_m`
-// may be 0 if no camera sees the mesh. `all_views_see`: each view sees the front of the mesh; then only a shift is
-// searched if `fit` is not bad. Costs about as much as a MeasureFit of each image of a large scene.
+// What is looked for, beside maps of the mesh that keep its up direction.
+struct ReadingSearch {
+  bool all = false;    // any mistake: the scene fits badly
+  bool shift = false;  // of the mesh
+};
+
+// The reading under which most patches correlate, if they are significantly more and it fits at all: another unit or
+// other axes of the mesh, its faces oriented inwards, an offset of the mesh, poses that are camera-to-world, of OpenGL,
+// or with quaternions in another order, a principal point that is missing, focal lengths that are up to 3 % wrong,
+// photographs that are turned. `gsd_m` may be 0 if no camera sees the mesh. A mesh that is turned about the vertical,
+// or mirrored, is looked for in a scene that fits, too: flat ground matches under all these maps. For all mistakes, it
+// costs about as much as a MeasureFit of each image of a large scene, else less than one MeasureFit.
 StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
-                              double gsd_m, bool all_views_see, const TaskControl& control);
+                              double gsd_m, const ReadingSearch& search, const TaskControl& control);
 
 }  // namespace tessera

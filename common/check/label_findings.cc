@@ -118,28 +118,31 @@ std::string SlopesText(const FaceCounts& counts) {
                         : " (the slopes of the faces fit the likelihoods)";
 }
 
-void WarnOfDisagreement(const SceneDescription& scene, const FaceCounts& counts, Warnings* warnings) {
+Status JudgeAgreement(const SceneDescription& scene, const FaceCounts& counts, Warnings* warnings) {
   int64_t all = 0, same = 0, reordered = 0;
   for (size_t label = 0; label < counts.faces.size(); ++label) {
     for (const int64_t faces : counts.pairs[label]) all += faces;
     same += counts.pairs[label][label];
   }
-  if (all < kJudgedFaces) return;
+  if (all < kJudgedFaces) return absl::OkStatus();
   const auto share = [&](int64_t faces) { return static_cast<double>(faces) / static_cast<double>(all); };
   const std::vector<size_t> order = OrderOfLabels(counts, all);
   for (size_t likely = 0; likely < order.size(); ++likely) reordered += counts.pairs[order[likely]][likely];
-  const std::string found = absl::StrFormat(
-      "likelihoods: they agree with the mesh's labels at %.0f %% of the visible faces", 100 * share(same));
+  const std::string found =
+      absl::StrFormat("likelihoods that agree with the mesh's labels at %.0f %% of the visible faces%s",
+                      100 * share(same), SlopesText(counts));
   if (share(reordered) >= kGoodOrder && share(reordered - same) >= kBetterOrder) {
     const auto add = [&](std::string* out, size_t label) { out->append(scene.classes[label].name); };
-    warnings->push_back(absl::StrCat(
-        found, absl::StrFormat(", and at %.0f %% if the order of their classes is ", 100 * share(reordered)),
-        absl::StrJoin(order, ", ", add), SlopesText(counts),
-        ": bring likelihoods, labels and 'classes' in scene.json into the same order"));
-  } else if (share(same) < kPoorAgreement) {
-    warnings->push_back(
-        absl::StrCat(found, SlopesText(counts), ": check that both have the order of 'classes' in scene.json"));
+    return InputError(
+        absl::StrCat(scene.folder, "/scene.json"), "classes", found,
+        absl::StrFormat("the same order of classes everywhere. %.0f %% would agree if the order of the likelihoods' "
+                        "classes is %s: bring likelihoods, labels and 'classes' into the same order",
+                        100 * share(reordered), absl::StrJoin(order, ", ", add)));
   }
+  if (share(same) < kPoorAgreement) {
+    warnings->push_back(absl::StrCat("found ", found, ": check that both have the order of 'classes' in scene.json"));
+  }
+  return absl::OkStatus();
 }
 
 void WarnOfSlopes(const SceneDescription& scene, const FaceCounts& counts, Warnings* warnings) {
@@ -251,8 +254,8 @@ bool WarnOfUp(const SceneDescription& scene, Warnings* warnings) {
   return false;
 }
 
-void WarnOfLabels(const SceneDescription& scene, const TriangleMesh& mesh, const std::vector<LikelihoodDigest>& digests,
-                  bool has_up, Warnings* warnings) {
+Status JudgeLabels(const SceneDescription& scene, const TriangleMesh& mesh,
+                   const std::vector<LikelihoodDigest>& digests, bool has_up, Warnings* warnings) {
   FaceCounts all(scene.classes.size());
   const RayCaster caster(mesh);
   std::mutex mutex;
@@ -263,11 +266,9 @@ void WarnOfLabels(const SceneDescription& scene, const TriangleMesh& mesh, const
     std::lock_guard lock(mutex);
     all.Add(of_view);
   });
-  if (!mesh.labels.empty()) {
-    WarnOfDisagreement(scene, all, warnings);
-  } else if (has_up) {
-    WarnOfSlopes(scene, all, warnings);
-  }
+  if (!mesh.labels.empty()) return JudgeAgreement(scene, all, warnings);
+  if (has_up) WarnOfSlopes(scene, all, warnings);
+  return absl::OkStatus();
 }
 
 }  // namespace tessera

@@ -34,11 +34,11 @@ void IgnoreLikelihoods(SceneDescription* scene);
 // systems in which scene.json sets the up direction.
 bool WarnOfUp(const SceneDescription& scene, Warnings* warnings);
 
-// Warns if likelihoods and the labels of the repaired start mesh disagree, and names the order of classes in which they
-// agree, if there is one. For a mesh without labels: if the slopes of faces contradict the priors of their likeliest
-// classes, if `has_up`. Compares up to 20,000 faces in all views with a digest. The result does not depend on the
-// number of threads.
-void WarnOfLabels(const SceneDescription& scene, const TriangleMesh& mesh, const std::vector<LikelihoodDigest>& digests,
-                  bool has_up, Warnings* warnings);
+// INVALID_ARGUMENT if likelihoods and the labels of the repaired start mesh disagree, but agree in another order of
+// classes, which it names. Warns if they disagree in any order. For a mesh without labels: warns if the slopes of faces
+// contradict the priors of their likeliest classes, if `has_up`. Compares up to 20,000 faces in all views with a
+// digest. The result does not depend on the number of threads.
+Status JudgeLabels(const SceneDescription& scene, const TriangleMesh& mesh,
+                   const std::vector<LikelihoodDigest>& digests, bool has_up, Warnings* warnings);
 
 }  // namespace tessera

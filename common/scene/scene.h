@@ -120,7 +120,8 @@ struct SceneLoadOptions {
   // Largest share of the images that may be left out because their files are missing or cannot be decoded; 0: they are
   // errors. Files that exist stay among SceneDescription::files, so that every process leaves out the same images.
   double skip_images = 0;
-  bool anyway = false;  // CheckScene warns where images, poses and mesh do not fit, instead of refusing
+  // CheckScene warns where images, poses and mesh do not fit, or likelihoods and labels, instead of refusing.
+  bool anyway = false;
 };
 
 // Reads scene.json, the camera model and the list of files. `path` is the scene's folder or its scene.json.

@@ -3,6 +3,7 @@
 #include <google/protobuf/util/json_util.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <tuple>
 #include <utility>
@@ -13,11 +14,13 @@
 #include "common/base/clock.h"
 #include "common/storage/files.h"
 #include "server/cli/commands.h"
+#include "server/client/artifacts.h"
 #include "server/client/connection.h"
 #include "server/client/interrupt.h"
 #include "server/client/job_text.h"
 #include "server/client/local_cluster.h"
 #include "server/display/progress_display.h"
+#include "server/display/run_summary.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
 
@@ -57,6 +60,20 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
   for (const BoolSetting& setting : BoolSettings()) {
     add(setting, setting.standard ? "true" : "false", "true|false");
   }
+}
+
+// Whether the report of a job that succeeded says that its result fits worse than its start. False if it has no report,
+// or the report is no longer stored.
+StatusOr<bool> HasWorseResult(Connection& connection, v1::Job job) {
+  auto& artifacts = *job.mutable_artifacts();
+  artifacts.erase(std::remove_if(artifacts.begin(), artifacts.end(),
+                                 [](const v1::Artifact& artifact) { return artifact.name() != "report.json"; }),
+                  artifacts.end());
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "tessera-watch-"));
+  const Status fetched = FetchArtifacts(connection, job, folder.path(), folder.path() + "/.fetch", {}).status();
+  if (absl::IsNotFound(fetched)) return false;
+  TESSERA_RETURN_IF_ERROR(fetched);
+  return ResultIsWorse(folder.path());
 }
 
 }  // namespace
@@ -103,7 +120,7 @@ void AddSceneOptions(CLI::App& command, double* skip_images, bool* anyway) {
       ->check(CLI::Range(0.0, kMaxSkippedShare))
       ->type_name("SHARE");
   command.add_flag("--anyway", *anyway,
-                   "Go on, with a warning, although the images match through the mesh no better than by chance");
+                   "Go on, with a warning, although images, poses and mesh do not fit, or likelihoods and labels");
 }
 
 void AddJobOptions(CLI::App& command, JobFlags* flags) {
@@ -237,7 +254,13 @@ StatusOr<int> WatchJob(Connection& connection, const std::string& name,
     job = update.job();
     show(update);
   }));
-  return ExitCodeOfJob(job, job.state() == v1::JOB_STATE_FAILED && connection.FailedForInput(name));
+  const int code = ExitCodeOfJob(job, job.state() == v1::JOB_STATE_FAILED && connection.FailedForInput(name));
+  if (code != kExitOk) return code;
+  TESSERA_ASSIGN_OR_RETURN(const bool is_worse, HasWorseResult(connection, job));
+  if (!is_worse) return kExitOk;
+  std::fprintf(stderr, "%s: the result fits the images worse than the start mesh: see its report.json\n",
+               job.name().c_str());
+  return kExitPartial;
 }
 
 StatusOr<int> WatchJobWithProgress(Connection& connection, const std::string& job) {

@@ -79,7 +79,8 @@ void SetAction(CLI::App* command, int* exit_code, std::function<StatusOr<int>()>
 Status WithLocalCluster(const LocalClusterOptions& options,
                         const std::function<Status(LocalCluster&, Connection&)>& use);
 
-// Watches a job of a coordinator until it has ended, and returns its exit code. Calls `show` with each change.
+// Watches a job of a coordinator until it has ended, and returns its exit code: as of `tessera run`, also kExitPartial
+// if the result fits the images worse than the start. Calls `show` with each change.
 StatusOr<int> WatchJob(Connection& connection, const std::string& job,
                        const std::function<void(const v1::WatchJobResponse&)>& show);
 // Shows progress on standard error.

@@ -66,7 +66,8 @@ void AddWatchCommand(CLI::App& app, int* exit_code) {
       "Shows finished tiles, time left and the task of each worker; prints plain lines if the output is not a "
       "terminal.\n"
       "Reconnects when the coordinator restarts. Ctrl-C ends the command, not the job.\n"
-      "Exit code: 0 succeeded, 1 failed, 3 wrong input, 5 some tiles are quarantined, 130 cancelled.\n"
+      "Exit code: 0 succeeded, 1 failed, 3 wrong input, 5 some tiles are quarantined or the result fits the images "
+      "worse than the start mesh, 130 cancelled.\n"
       "Example:\n"
       "  tessera watch jobs/7",
       flags, [flags](Connection& connection) -> StatusOr<int> {

@@ -222,6 +222,16 @@ TEST_F(RunTest, ResultThatFitsWorseThanItsStartHasExitCode5) {
   EXPECT_EQ(report.at("fit_change").at("worse"), true);
   EXPECT_GT(report["fit_change"]["became_worse"], report["fit_change"]["became_better"]);
   EXPECT_TRUE(fs::exists(out_ + "/mesh.ply"));
+
+  // The same from a coordinator.
+  Cluster cluster(folder_.path());
+  cluster.AddWorker();
+  const Outcome submitted =
+      Tessera(folder_.path(), {"submit", scene, "--anyway", "--thin-plate", "0.01", "--max-step-px", "4", "--watch",
+                               "--coordinator", cluster.address()});
+  EXPECT_EQ(submitted.exit_code, 5) << submitted.output;
+  EXPECT_THAT(submitted.output, HasSubstr("jobs/1: the result fits the images worse than the start mesh"));
+  EXPECT_EQ(Tessera(folder_.path(), {"watch", "1", "--coordinator", cluster.address()}).exit_code, 5);
 }
 
 }  // namespace

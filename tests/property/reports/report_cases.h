@@ -88,7 +88,7 @@ inline const std::vector<ReportCase>& ReportCases() {
       {"47-upper-case-suffix", bent::UpperCaseSuffix, kTold, {}, kBase},
       {"48-nan-and-zero", bent::NanAndZero, kRefused, {"north_00_000.npy", "class 2", "NaN"}},
       {"49-all-zero-files", bent::AllZeroFiles, kTold, {"likelihoods"}},
-      {"50-classes-in-another-order", bent::ClassesInAnotherOrder, kTold, {"order", "facade"}},
+      {"50-classes-in-another-order", bent::ClassesInAnotherOrder, kRefused, {"order", "facade, ground", "--anyway"}},
       {"51-half-of-the-likelihoods", bent::HalfOfTheLikelihoods, kRefused, {"likelihoods", "nadir_00_000.jpg"}},
       {"52-square-512", bent::Square512, kRefused, {"512 x 512", "400 x 300", "aspect ratio"}},
       // The mesh.
@@ -122,6 +122,7 @@ inline const std::vector<ReportCase>& ReportCases() {
       {"101-more-classes-than-names", bent::MoreClassesThanNames, kRefused, {"mesh.ply", "label 4", "classes"}},
       // Named in the same reports, without a scene of their own.
       {"principal-point-at-zero", bent::PrincipalPointAtZero, kRefused, {"principal point"}},
+      {"axes-exchanged", bent::AxesExchanged, kRefused, {"map (x, y, z) to (y, x, z)", "--anyway"}},
       {"vertex-at-origin", bent::VertexAtOrigin, kTold, {"vertex 1000"}},
   };
   return cases;

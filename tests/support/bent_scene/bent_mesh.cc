@@ -118,6 +118,12 @@ void MeshInFeet(const std::string& scene) {
   });
 }
 
+void AxesExchanged(const std::string& scene) {
+  EditMesh(scene, [](TriangleMesh* mesh) {
+    for (Eigen::Vector3d& p : mesh->vertices) std::swap(p.x(), p.y());
+  });
+}
+
 void SceneYDown(const std::string& scene) {
   Eigen::Matrix3d turn;
   turn << 1, 0, 0, 0, 0, -1, 0, 1, 0;

@@ -101,6 +101,7 @@ void DoubleUtm(const std::string& scene);
 // The mesh itself (bent_mesh.cc).
 void OffsetNotApplied(const std::string& scene);  // cameras in UTM, the mesh near the origin
 void MeshInFeet(const std::string& scene);
+void AxesExchanged(const std::string& scene);   // x and y of the mesh
 void SceneYDown(const std::string& scene);      // no `up`
 void SceneZDown(const std::string& scene);      // no `up`
 void ScaleHundredth(const std::string& scene);  // all in units of 100 m

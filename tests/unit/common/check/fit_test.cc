@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "common/check/fit_findings.h"
+#include "common/check/fit_pairs.h"
 #include "common/check/patch_match.h"
 #include "tests/support/tiny_scene.h"
 
@@ -119,20 +120,18 @@ class FitTest : public testing::Test {
   }
   // What the user is told of the fit.
   std::string Told(const SceneFit& fit) {
-    Reading reading;
-    if (NeedsReading(fit, gsd_m_)) reading = *FindReading(scene_, mesh_, fit, gsd_m_, true, {});
+    const Reading reading = *FindReading(scene_, mesh_, fit, gsd_m_, SearchFor(fit, gsd_m_, true), {});
     Warnings warnings;
     const Status status = JudgeFit(scene_, fit, reading, gsd_m_, &warnings);
     std::string text(status.message());
     for (const std::string& warning : warnings) text += "\n" + warning;
     return text;
   }
-  void Turn(size_t view, double by_px) {
+  void Turn(size_t view, double by_px, const Eigen::Vector3d& axis = {0.8, -0.6, 0}) {
     PosedCamera& camera = scene_.views[view].camera;
     const Eigen::Vector3d centre = camera.Centre();
     camera.rotation_cam_from_world =
-        Eigen::AngleAxisd(by_px / camera.intrinsics.fx, Eigen::Vector3d(0.8, -0.6, 0)).toRotationMatrix() *
-        camera.rotation_cam_from_world;
+        Eigen::AngleAxisd(by_px / camera.intrinsics.fx, axis).toRotationMatrix() * camera.rotation_cam_from_world;
     camera.translation_cam_from_world = -camera.rotation_cam_from_world * centre;
   }
 
@@ -147,6 +146,7 @@ TEST_F(FitTest, GoodSceneIsNotWarnedOf) {
   EXPECT_GT(fit.all.pairs, 10);
   EXPECT_GT(fit.all.above_chance, 0.8);
   EXPECT_LT(fit.all.across_px, 0.2);
+  EXPECT_LT(fit.pose_error_px, 0.06);
   EXPECT_EQ(Told(fit), "");
   for (const double change : fit.focal_changes) EXPECT_LT(std::abs(change), 0.002);
 }
@@ -162,11 +162,57 @@ TEST_F(FitTest, ViewWithAWrongPoseIsNamed) {
   }
 }
 
+// Where an error is along the epipolar lines of two views, it does not show across them, in neither of their pairs.
+TEST_F(FitTest, WrongPoseIsNamedThoughItDoesNotShowWithOnePartner) {
+  ASSERT_GE(scene_.views.size(), 6u);
+  std::vector<FitMatches> pairs;
+  for (int a = 0; a < 6; ++a) {
+    for (int b = 0; b < 6; ++b) {
+      if (a == b || (a == 0 && b > 1 && b < 4)) continue;  // 8 pairs of view 0, 2 of which with view 1
+      FitMatches& pair = pairs.emplace_back(FitMatches{a, b, 1, {}});
+      const bool wrong = (a == 0 || b == 0) && a != 1 && b != 1;
+      for (int i = 0; i < 20; ++i) {
+        PatchMatch match;
+        match.correlation = 0.9;
+        match.at_random.assign(6, 0.1f);
+        match.distinct = true;
+        match.shift_px = {0.1, (wrong ? 3 : 0) + 0.01 * (i + a + b)};
+        pair.matches.push_back({SurfacePoint{{0, 0, 0}, {0, 0, 1}}, match});
+      }
+    }
+  }
+  EXPECT_THAT(SumUpFit(scene_, pairs).misplaced, ElementsAre(0));
+}
+
 TEST_F(FitTest, SmallErrorsOfAllPosesAreToldOf) {
-  for (size_t v = 0; v < scene_.views.size(); ++v) Turn(v, v % 2 == 0 ? 0.9 : -0.9);
-  const SceneFit fit = Measure();
-  EXPECT_GT(fit.all.across_px, 0.3);
-  EXPECT_THAT(Told(fit), HasSubstr("poses are wrong by"));
+  const SceneDescription good = scene_;
+  for (const double error_px : {0.5, 0.9}) {
+    for (size_t v = 0; v < scene_.views.size(); ++v) {
+      const double angle = 2.4 * static_cast<double>(v);  // golden angle: all directions
+      Turn(v, error_px, {std::cos(angle), std::sin(angle), 0});
+    }
+    const SceneFit fit = Measure();
+    EXPECT_NEAR(fit.pose_error_px, error_px, 0.4 * error_px);
+    EXPECT_THAT(Told(fit), HasSubstr("poses are wrong by about"));
+    scene_ = good;
+  }
+}
+
+// A mesh that is turned about the vertical, or mirrored: its ground matches, too.
+TEST_F(FitTest, MapOfTheMeshThatKeepsUpIsNamed) {
+  const TriangleMesh good = mesh_;
+  for (Eigen::Vector3d& p : mesh_.vertices) {
+    const Eigen::Vector3d q = scene_.frame.SceneFromLocal(p);
+    p = scene_.frame.LocalFromScene({-q.x(), -q.y(), q.z()});
+  }
+  EXPECT_THAT(Told(Measure()), HasSubstr("to (-x, -y, z)"));
+  mesh_ = good;
+  for (Eigen::Vector3d& p : mesh_.vertices) {
+    const Eigen::Vector3d q = scene_.frame.SceneFromLocal(p);
+    p = scene_.frame.LocalFromScene({q.y(), q.x(), q.z()});
+  }
+  for (auto& face : mesh_.faces) std::swap(face[0], face[1]);
+  EXPECT_THAT(Told(Measure()), HasSubstr("to (y, x, z)"));
 }
 
 TEST_F(FitTest, WrongFocalLengthIsMeasured) {

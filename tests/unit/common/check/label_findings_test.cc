@@ -93,8 +93,17 @@ TEST_F(LabelFindingsTest, UnevenSumsMayBeLogits) {
 
 TEST_F(LabelFindingsTest, AnotherOrderOfClassesIsNamed) {
   Write([](int label) { return Named((label + 1) % 3); });
-  EXPECT_THAT(Check(), Contains(AllOf(HasSubstr("agree with the mesh's labels at 0 %"),
-                                      HasSubstr("if the order of their classes is roof, ground, facade"))));
+  const auto is_named = AllOf(HasSubstr("agree with the mesh's labels at 0 %"),
+                              HasSubstr("if the order of the likelihoods' classes is roof, ground, facade"));
+  Warnings warnings;
+  const StatusOr<SceneSummary> refused = CheckSceneFolder(folder_, &warnings, {});
+  EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(refused.status().message()), AllOf(is_named, HasSubstr("--anyway")));
+  SceneLoadOptions anyway;
+  anyway.anyway = true;
+  const auto accepted = CheckScene(folder_, anyway, std::numeric_limits<int64_t>::max(), &warnings, {});
+  EXPECT_TRUE(accepted.ok()) << accepted.status();
+  EXPECT_THAT(warnings, Contains(is_named));
 }
 
 TEST_F(LabelFindingsTest, DisagreementWithoutAnOrderIsReported) {
