@@ -25,7 +25,8 @@ struct CommandGroup {
 
 const std::vector<CommandGroup>& Groups() {
   static const std::vector<CommandGroup> groups = {
-      {"Scene", {AddCheckCommand, AddSynthCommand, AddClassifyCommand, AddEvaluateCommand, AddRenderCommand}},
+      {"Scene",
+       {AddImportCommand, AddCheckCommand, AddSynthCommand, AddClassifyCommand, AddEvaluateCommand, AddRenderCommand}},
       {"Jobs",
        {AddRunCommand, AddPlanCommand, AddSubmitCommand, AddUpdateCommand, AddJobsCommand, AddWatchCommand,
         AddPriorityCommand, AddPauseCommand, AddResumeCommand, AddRetryCommand, AddCancelCommand, AddDeleteCommand}},

@@ -1,0 +1,221 @@
+#include "common/importing/import.h"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <string_view>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
+#include "common/base/machine_limits.h"
+#include "common/blocks/block_format.h"
+#include "common/check/check.h"
+#include "common/importing/import_report.h"
+#include "common/importing/mesh_place.h"
+#include "common/importing/mesh_tiles.h"
+#include "common/importing/patch_proof.h"
+#include "common/importing/proof.h"
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kReadShare = 0.1, kProvenShare = 0.2, kMeshShare = 0.6;  // of the progress
+
+Status CheckOut(const std::string& out) {
+  std::error_code error;
+  if (!fs::exists(out, error) || (fs::is_directory(out, error) && fs::is_empty(out, error))) return absl::OkStatus();
+  return absl::AlreadyExistsError(
+      absl::StrCat(out, ": found a file or a folder with files, expected a new or empty folder: choose another --out"));
+}
+
+// One placement of the block, with its proof.
+struct Placement {
+  PlacedBlock placed;
+  Proof proof;
+  Warnings warnings;
+};
+
+StatusOr<Placement> Place(const ImportedBlock& block, FrameChoice choice, const ImportOptions& options) {
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(PlacedBlock placed, PlaceBlock(block, choice, {options.crs, options.heights}, &warnings));
+  ProofOptions proof_options;
+  proof_options.max_error_px = options.max_error_px;
+  Proof proof = MeasureProof(&placed.block, proof_options);
+  return Placement{std::move(placed), std::move(proof), std::move(warnings)};
+}
+
+// Whether the tie points fit `other` better by a tenth.
+bool FitsBetter(const Proof& other, const Proof& usual) {
+  return other.is_proven && other.sample.median_px < 0.9 * usual.sample.median_px;
+}
+
+// The block in scene coordinates. Without a chosen frame both are tried, if they differ.
+StatusOr<Placement> ChooseFrame(const ImportedBlock& block, const ImportOptions& options, ImportFacts* facts) {
+  if (options.frame) return Place(block, *options.frame, options);
+  const FrameChoice usual = block.adjusted_in_grid ? FrameChoice::kGrid : FrameChoice::kTrue;
+  TESSERA_ASSIGN_OR_RETURN(Placement placement, Place(block, usual, options));
+  StatusOr<Placement> other =
+      Place(block, usual == FrameChoice::kGrid ? FrameChoice::kTrue : FrameChoice::kGrid, options);
+  // A reference system may allow one of them only.
+  if (!other.ok() || other->placed.true_frame == placement.placed.true_frame) return placement;
+  const bool better = FitsBetter(other->proof, placement.proof);
+  facts->other_frame = (better ? placement : *other).proof.sample;
+  if (better) return other;
+  return placement;
+}
+
+StatusOr<MergeOptions> MergeOptionsOf(const ImportOptions& options) {
+  constexpr std::string_view kProperty = "property:";
+  MergeOptions merge;
+  if (options.labels == "material") {
+    merge.labels = LabelSource::kMaterial;
+  } else if (options.labels.starts_with(kProperty) && options.labels.size() > kProperty.size()) {
+    merge.labels = LabelSource::kProperty;
+    merge.label_property = options.labels.substr(kProperty.size());
+  } else if (options.labels != "none") {
+    return InputError("--labels", "", absl::StrCat("'", options.labels, "'"), "none, material or property:NAME");
+  }
+  for (const SceneClass& known : KnownClasses()) merge.classes.push_back(known.name);
+  if (options.class_file.empty()) return merge;
+  if (merge.labels == LabelSource::kNone) {
+    return InputError("--classes", "", "no --labels", "--labels material or --labels property:NAME beside it");
+  }
+  TESSERA_ASSIGN_OR_RETURN(merge.class_map, ReadClassMap(options.class_file));
+  return merge;
+}
+
+// Replaces the temporary folder's path in messages.
+std::string InMessages(const std::string& text, const std::string& folder, const std::string& out) {
+  return absl::StrReplaceAll(text, {{folder, out}});
+}
+
+Status CheckWritten(const std::string& folder, const std::string& out, const ImportOptions& options, bool has_labels,
+                    bool has_tie_points, ImportFacts* facts, Warnings* warnings, const TaskControl& control) {
+  SceneLoadOptions load;
+  load.anyway = options.anyway;
+  load.to_be_classified = load.by_default_rule = !has_labels;  // as a job would
+  constexpr int64_t kBytesOfFace = 1000;                        // of the mesh and what CheckScene keeps of it
+  Warnings found;
+  StatusOr<CheckedScene> checked =
+      CheckScene(folder, load, std::max<int64_t>(1'000'000, MemoryLimit_bytes() / 2 / kBytesOfFace), &found, control);
+  for (const std::string& warning : found) warnings->push_back(InMessages(warning, folder, out));
+  if (!checked.ok()) {
+    Status error(checked.status().code(), InMessages(std::string(checked.status().message()), folder, out));
+    SetFaults(error, FaultsOf(checked.status()));
+    return error;
+  }
+  if (has_tie_points || !checked->summary.fit) return absl::OkStatus();
+  facts->patches = ProveByPatches(*checked->summary.fit);
+  const Status proven = JudgePatchProof(options.source, *facts->patches, options.max_error_px, warnings);
+  if (proven.ok() || !options.anyway) return proven;
+  warnings->push_back(std::string(proven.message()));
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::string& out, Warnings* warnings,
+                                   const TaskControl& control) {
+  TESSERA_RETURN_IF_ERROR(CheckOut(out));
+  TESSERA_ASSIGN_OR_RETURN(MergeOptions merge, MergeOptionsOf(options));
+  control.Report(0, "reading the block");
+  BlockReadOptions read;
+  read.component = options.component;
+  if (!options.image_folders.empty()) read.images_folder = options.image_folders.front();
+  TESSERA_ASSIGN_OR_RETURN(const ImportedBlock block, ReadBlock(options.source, options.format, read, warnings));
+  if (!options.crs.empty() && !block.crs.empty() && options.crs != block.crs) {
+    warnings->push_back(absl::StrCat(options.source, ": names the reference system ", block.crs, "; --crs ",
+                                     options.crs, " replaces it"));
+  }
+  const std::string& crs = options.crs.empty() ? block.crs : options.crs;
+  Faults faults;
+  ImportFacts facts;
+  facts.options = &options;
+  facts.out = out;
+  ImportedScene scene;
+  scene.images = FindImages(block.images, {options.source, options.image_folders, options.image_paths}, &faults);
+  const std::string mesh_path = options.mesh.empty() ? MeshOfSource(options.source) : options.mesh;
+  MeshSource mesh;
+  if (!mesh_path.empty()) {
+    StatusOr<MeshSource> found = FindMeshSource(mesh_path);
+    faults.Add(found.status());
+    if (found.ok()) mesh = *std::move(found);
+  }
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  TESSERA_RETURN_IF_ERROR(control.Check());
+
+  control.Report(kReadShare, "proving the conventions on the tie points");
+  TESSERA_ASSIGN_OR_RETURN(Placement placement, ChooseFrame(block, options, &facts));
+  warnings->insert(warnings->end(), placement.warnings.begin(), placement.warnings.end());
+  PlacedBlock& placed = placement.placed;
+  ProofOptions proof_options;
+  proof_options.max_error_px = options.max_error_px;
+  const Status fits = JudgeProof(placed.block, placement.proof, proof_options, warnings);
+  if (!fits.ok() && !options.anyway) return fits;
+  if (!fits.ok()) warnings->push_back(std::string(fits.message()));
+  TESSERA_RETURN_IF_ERROR(control.Check());
+
+  // The scene is made beside its place, and renamed when it is whole.
+  const std::string path = AbsolutePath(out);
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder folder,
+                           TempFolder::Create(fs::path(path).parent_path().string(), ".tessera-import-"));
+  if (!mesh_path.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(const MeshPlace place,
+                             PlaceMesh(mesh, options.mesh_crs, block, crs, placed, options.heights));
+    merge.scene_from_source = [&](const Eigen::Vector3d& point) {
+      Eigen::Vector3d in_scene = point;
+      // MergeMeshes refuses what is not finite.
+      if (!place.map.SceneFromSource({&in_scene, 1}).ok()) in_scene.setConstant(std::nan(""));
+      return in_scene;
+    };
+    merge.control = PartOf(control, kProvenShare, kMeshShare);
+    TESSERA_ASSIGN_OR_RETURN(facts.mesh, MergeMeshes(mesh, merge, folder.path() + "/mesh.ply", warnings));
+    if (merge.labels != LabelSource::kNone) scene.class_names = facts.mesh->classes;
+    facts.mesh_place = place.text;
+  } else {
+    warnings->push_back(
+        "the scene has no mesh: add --mesh; without one it can only be a new flight of an earlier job");
+  }
+
+  control.Report(kMeshShare, "writing the scene");
+  scene.name = fs::path(path).filename().string();
+  scene.block = &placed.block;
+  scene.crs = placed.map.scene();
+  if (placed.map.source().kind() != ReferenceSystem::Kind::kLocal) {
+    scene.source = SceneSource{crs, block.offset, mesh.tile_names};
+  }
+  scene.flights = options.flights;
+  scene.copy_images = options.copy_images;
+  TESSERA_RETURN_IF_ERROR(WriteScene(scene, folder.path()));
+  if (facts.mesh) {
+    TESSERA_RETURN_IF_ERROR(CheckWritten(folder.path(), path, options, !scene.class_names.empty(),
+                                         placement.proof.is_proven, &facts, warnings, PartOf(control, kMeshShare, 1)));
+  }
+  facts.mesh_source = &mesh;
+  facts.scene = &scene;
+  facts.placed = &placed;
+  facts.proof = &placement.proof;
+  facts.source_crs = crs;
+  facts.offset = block.offset;
+  facts.warnings = *warnings;
+  ImportResult result;
+  TESSERA_ASSIGN_OR_RETURN(result.json, ImportJson(facts));
+  result.text = ImportText(facts);
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(folder.path() + "/import.json", result.json));
+  const mode_t mask = umask(0);
+  umask(mask);
+  std::error_code error;
+  fs::permissions(folder.path(), static_cast<fs::perms>(0777 & ~mask), error);
+  TESSERA_RETURN_IF_ERROR(RenameDurably(folder.path(), path));
+  return result;
+}
+
+}  // namespace tessera
