@@ -1,15 +1,15 @@
 #include "common/blocks/block_format.h"
 
 #include "absl/strings/str_cat.h"
-#include "common/blocks/blocks_exchange.h"
+#include "common/blocks/blocks_exchange/blocks_exchange.h"
 #include "common/blocks/colmap_block.h"
 #include "common/blocks/foreign_blocks.h"
-#include "common/blocks/metashape.h"
+#include "common/blocks/metashape/metashape.h"
 #include "common/blocks/nvm.h"
 #include "common/blocks/openmvs.h"
-#include "common/blocks/opensfm.h"
-#include "common/blocks/pix4d.h"
-#include "common/blocks/realityscan.h"
+#include "common/blocks/opensfm/opensfm.h"
+#include "common/blocks/pix4d/pix4d.h"
+#include "common/blocks/realityscan/realityscan.h"
 
 namespace tessera {
 namespace {

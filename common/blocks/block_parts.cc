@@ -3,7 +3,6 @@
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
-#include <map>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -95,6 +94,35 @@ void ChooseComponent(int wanted, const std::string& path, ImportedBlock* block, 
     block->left_out.push_back(absl::StrCat("the poses of ", others, " images of other components than ", chosen, " (",
                                            images_of[chosen], " images): --component chooses another"));
   }
+}
+
+LensModel MakeBrownLens(const PinholeCamera& pinhole, const std::array<double, 4>& radial, double p1, double p2,
+                        double skew_px) {
+  LensModel lens;
+  lens.pinhole = pinhole;
+  SetBrownLens({radial[0], radial[1], radial[2], radial[3], p1, p2, skew_px}, &lens);
+  return lens;
+}
+
+int SharedCameras::IndexOf(const LensModel& lens, const std::string& name) {
+  std::array<double, 15> key;
+  const PinholeCamera& p = lens.pinhole;
+  const double head[7] = {static_cast<double>(lens.kind),
+                          static_cast<double>(p.width),
+                          static_cast<double>(p.height),
+                          p.fx,
+                          p.fy,
+                          p.cx,
+                          p.cy};
+  std::copy(std::begin(head), std::end(head), key.begin());
+  std::copy(std::begin(lens.coefficients), std::end(lens.coefficients), key.begin() + 7);
+  const auto [it, is_new] = indices_.emplace(key, static_cast<int>(block_.cameras.size()));
+  if (is_new) block_.cameras.push_back({name, lens});
+  return it->second;
+}
+
+std::string_view WithoutByteOrderMark(std::string_view text) {
+  return text.starts_with("\xef\xbb\xbf") ? text.substr(3) : text;
 }
 
 }  // namespace tessera

@@ -1,7 +1,12 @@
-// What readers of blocks share: Brown's lens model, the check of rotations, the choice of a component.
+// What readers of blocks share: lenses, cameras, the check of rotations, the choice of a component.
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
 
 #include "common/base/status.h"
 #include "common/blocks/block.h"
@@ -39,5 +44,24 @@ int64_t DropUnorientedObservations(const ImportedBlock& block, std::vector<Block
 // oriented; adds a line to left_out for them. A fault of `path` if no oriented image has the component, or
 // if no image is oriented and there is no other fault.
 void ChooseComponent(int wanted, const std::string& path, ImportedBlock* block, Faults* faults);
+
+// SetBrownLens on a camera with this pinhole; `radial`: k1 to k4.
+LensModel MakeBrownLens(const PinholeCamera& pinhole, const std::array<double, 4>& radial, double p1, double p2,
+                        double skew_px = 0);
+
+// Cameras of a block; images with equal lenses share one.
+class SharedCameras {
+ public:
+  explicit SharedCameras(ImportedBlock* block) : block_(*block) {}
+  // Index of the camera with this lens, all numbers finite. Adds the camera `name` if there is none.
+  int IndexOf(const LensModel& lens, const std::string& name);
+
+ private:
+  ImportedBlock& block_;
+  std::map<std::array<double, 15>, int> indices_;
+};
+
+// `text` starts with UTF-8's byte order mark: removes it.
+std::string_view WithoutByteOrderMark(std::string_view text);
 
 }  // namespace tessera

@@ -12,6 +12,7 @@
 //   COLMAP: x, y from the image's upper left corner; distorted = (1 - r d^2) undistorted, d the undistorted distance.
 //   OpenSfM: r is 0, images are undistorted; distances from the middle are scaled by width and height instead of the
 //     larger of both, and added to the middle, from the corner.
+#include "common/blocks/block_parts.h"
 #include "common/blocks/nvm.h"
 
 #include <Eigen/Geometry>

@@ -6,7 +6,7 @@
 
 #include "common/base/status.h"
 #include "common/blocks/block.h"
-#include "common/blocks/block_entries.h"
+#include "common/blocks/photograph_files.h"
 #include "common/blocks/block_format.h"
 
 namespace tessera {

@@ -18,8 +18,8 @@
 #include "common/importing/import_report.h"
 #include "common/importing/mesh_place.h"
 #include "common/importing/mesh_tiles.h"
-#include "common/importing/patch_proof.h"
-#include "common/importing/proof.h"
+#include "common/importing/proof/patch_proof.h"
+#include "common/importing/proof/proof.h"
 #include "common/storage/files.h"
 
 namespace tessera {

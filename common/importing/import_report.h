@@ -6,8 +6,8 @@
 
 #include "common/importing/import.h"
 #include "common/importing/mesh_tiles.h"
-#include "common/importing/patch_proof.h"
-#include "common/importing/proof.h"
+#include "common/importing/proof/patch_proof.h"
+#include "common/importing/proof/proof.h"
 
 namespace tessera {
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "common/importing/residuals.h"
+#include "common/importing/proof/residuals.h"
 #include "common/meshio/mesh_format.h"
 
 namespace tessera {

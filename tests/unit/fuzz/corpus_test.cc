@@ -10,22 +10,22 @@
 
 #include "tests/fuzz/array_file_target.h"
 #include "tests/fuzz/authority_target.h"
-#include "tests/fuzz/blocks_exchange_target.h"
-#include "tests/fuzz/colmap_binary_target.h"
-#include "tests/fuzz/colmap_text_target.h"
-#include "tests/fuzz/gltf_target.h"
+#include "tests/fuzz/blocks/blocks_exchange_target.h"
+#include "tests/fuzz/colmap/colmap_binary_target.h"
+#include "tests/fuzz/colmap/colmap_text_target.h"
+#include "tests/fuzz/blocks/gltf_target.h"
 #include "tests/fuzz/image_target.h"
 #include "tests/fuzz/likelihoods_target.h"
-#include "tests/fuzz/model_metadata_target.h"
-#include "tests/fuzz/metashape_target.h"
+#include "tests/fuzz/blocks/model_metadata_target.h"
+#include "tests/fuzz/blocks/metashape_target.h"
 #include "tests/fuzz/npy_target.h"
-#include "tests/fuzz/nvm_target.h"
+#include "tests/fuzz/blocks/nvm_target.h"
 #include "tests/fuzz/obj_target.h"
-#include "tests/fuzz/pix4d_target.h"
-#include "tests/fuzz/openmvs_target.h"
-#include "tests/fuzz/opensfm_target.h"
+#include "tests/fuzz/blocks/pix4d_target.h"
+#include "tests/fuzz/blocks/openmvs_target.h"
+#include "tests/fuzz/blocks/opensfm_target.h"
 #include "tests/fuzz/ply_target.h"
-#include "tests/fuzz/realityscan_target.h"
+#include "tests/fuzz/blocks/realityscan_target.h"
 #include "tests/fuzz/records_target.h"
 #include "tests/fuzz/rpc_target.h"
 #include "tests/fuzz/scene_json_target.h"
@@ -94,7 +94,7 @@ TEST(FuzzCorpus, HasNoFolderWithoutATarget) {
   for (const auto& entry : fs::directory_iterator(TESSERA_SOURCE_DIR "/tests/fuzz/corpus")) {
     EXPECT_TRUE(kTargets.contains(entry.path().filename().string())) << entry.path();
   }
-  for (const auto& entry : fs::directory_iterator(TESSERA_SOURCE_DIR "/tests/fuzz")) {
+  for (const auto& entry : fs::recursive_directory_iterator(TESSERA_SOURCE_DIR "/tests/fuzz")) {
     const std::string file = entry.path().filename().string(), end = "_target.h";
     if (!file.ends_with(end)) continue;
     EXPECT_TRUE(kTargets.contains(file.substr(0, file.size() - end.size()))) << file << " is not replayed";

@@ -1,4 +1,4 @@
-#include "common/blocks/blocks_exchange.h"
+#include "common/blocks/blocks_exchange/blocks_exchange.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "common/blocks/metashape.h"
+#include "common/blocks/metashape/metashape.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
-#include "common/blocks/metashape_crs.h"
+#include "common/blocks/metashape/metashape_crs.h"
 #include "common/storage/files.h"
 #include "tests/support/blocks/expect_block_near.h"
 #include "tests/support/blocks/make_zip.h"

@@ -1,4 +1,4 @@
-#include "common/blocks/opensfm.h"
+#include "common/blocks/opensfm/opensfm.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

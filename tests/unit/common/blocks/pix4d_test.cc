@@ -1,12 +1,12 @@
 // Pix4D's camera parameters are read with poses, lenses, offset and tie points.
-#include "common/blocks/pix4d.h"
+#include "common/blocks/pix4d/pix4d.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
-#include "common/blocks/pix4d_tie_points.h"
+#include "common/blocks/pix4d/pix4d_tie_points.h"
 #include "tests/support/blocks/compare_blocks.h"
 #include "tests/support/blocks/truth_block.h"
 #include "tests/support/blocks/write_pix4d.h"

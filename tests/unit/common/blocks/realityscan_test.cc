@@ -1,5 +1,5 @@
 // RealityScan's sidecars and tables are read with poses and lenses.
-#include "common/blocks/realityscan.h"
+#include "common/blocks/realityscan/realityscan.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "common/importing/patch_proof.h"
+#include "common/importing/proof/patch_proof.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

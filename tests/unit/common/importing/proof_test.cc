@@ -1,5 +1,5 @@
 // The proof of a block on its tie points: what each wrong convention does to it, and what its user is told.
-#include "common/importing/proof.h"
+#include "common/importing/proof/proof.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <limits>
 #include <random>
 
-#include "common/importing/residuals.h"
+#include "common/importing/proof/residuals.h"
 #include "tests/support/blocks/truth_block.h"
 
 namespace tessera {
