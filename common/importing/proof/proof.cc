@@ -135,7 +135,7 @@ std::vector<AlternativeTrial> TryAllAlternatives(const ImportedBlock& screened,
     return RankOf(a.residuals) < RankOf(b.residuals);
   });
   const auto is_same = [](const ResidualSummary& a, const ResidualSummary& b) {
-    const auto is_close = [](double x, double y) { return x == y || std::abs(x - y) <= 1e-5 * x; };
+    const auto is_close = [](double x, double y) { return x == y || std::abs(x - y) <= 1e-5 * std::min(x, y); };
     return is_close(a.median_px, b.median_px) && is_close(a.p95_px, b.p95_px);
   };
   const ResidualSummary unchanged = SummariseResiduals(SampleResiduals(start));
@@ -234,7 +234,7 @@ void StorePositions(ImportedBlock* block, Proof* proof) {
 }  // namespace
 
 std::string ResidualText(double residual_px) {
-  return std::isfinite(residual_px) ? absl::StrFormat("%.3f px", residual_px) : "behind the cameras";
+  return std::isfinite(residual_px) ? absl::StrFormat("%.3f px", residual_px) : "infinity (points behind the cameras)";
 }
 
 Proof MeasureProof(ImportedBlock* block, const ProofOptions& options) {

@@ -59,7 +59,7 @@ Status JudgeProof(const ImportedBlock& block, const Proof& proof, const ProofOpt
 // MeasureProof and JudgeProof. Without observations, or with few, the result is not proven.
 StatusOr<Proof> ProveByTiePoints(ImportedBlock* block, const ProofOptions& options, Warnings* warnings);
 
-// "0.263 px"; "behind the cameras" for infinity.
+// "0.263 px"; "infinity (points behind the cameras)".
 std::string ResidualText(double residual_px);
 
 // A table under a header: all points, each camera, the `most_rows` worst images, readings and alternatives.
