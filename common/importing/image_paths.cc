@@ -38,6 +38,7 @@ std::vector<std::string> PartsOf(const std::string& path) {
   return parts;
 }
 
+// Programs may name photographs by labels, which are names without extension.
 bool IsImageName(const std::string& name) {
   return std::any_of(kImageExtensions.begin(), kImageExtensions.end(),
                      [&](const char* extension) { return absl::EndsWithIgnoreCase(name, extension); });
@@ -57,17 +58,22 @@ class ImageIndex {
       if (it->is_directory(ignored) && fs::exists(it->path() / "import.json", ignored)) it.disable_recursion_pending();
       if (!IsImageName(name) || !it->is_regular_file(ignored)) continue;
       files_[absl::AsciiStrToLower(name)].push_back(it->path().string());
+      by_stem_[absl::AsciiStrToLower(it->path().stem().string())].push_back(it->path().string());
     }
   }
-  // The files whose paths have the longest common end with `parts`, and its length; none if no last name is equal.
+  // The files whose paths have the longest common end with `parts`, and its length; none if no last name is equal. A
+  // last part without an image's extension stands for one with any.
   std::pair<std::vector<std::string>, size_t> Longest(const std::vector<std::string>& parts) const {
     std::vector<std::string> best;
     size_t longest = 0;
     if (parts.empty()) return {best, longest};
-    const auto found = files_.find(absl::AsciiStrToLower(parts.back()));
-    if (found == files_.end()) return {best, longest};
+    const bool is_label = !IsImageName(parts.back());
+    const auto& files = is_label ? by_stem_ : files_;
+    const auto found = files.find(absl::AsciiStrToLower(parts.back()));
+    if (found == files.end()) return {best, longest};
     for (const std::string& file : found->second) {
-      const std::vector<std::string> own = PartsOf(file);
+      std::vector<std::string> own = PartsOf(file);
+      if (is_label) own.back() = fs::path(file).stem().string();
       size_t common = 0;
       while (common < parts.size() && common < own.size() &&
              absl::EqualsIgnoreCase(parts[parts.size() - 1 - common], own[own.size() - 1 - common])) {
@@ -82,7 +88,7 @@ class ImageIndex {
   }
 
  private:
-  std::map<std::string, std::vector<std::string>> files_;
+  std::map<std::string, std::vector<std::string>> files_, by_stem_;
 };
 
 std::string FolderOfSource(const std::string& source) {
@@ -166,7 +172,11 @@ void NameImages(const std::vector<BlockImage>& images, std::vector<FoundImage>* 
       }
     }
   }
-  for (size_t i = 0; i < images.size(); ++i) (*found)[i].name = name(i);
+  for (size_t i = 0; i < images.size(); ++i) {
+    FoundImage& image = (*found)[i];
+    image.name = name(i);
+    if (!IsImageName(image.name)) image.name += fs::path(image.file).extension().string();
+  }
 }
 
 }  // namespace

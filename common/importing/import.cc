@@ -53,7 +53,7 @@ StatusOr<Placement> Place(const ImportedBlock& block, FrameChoice choice, const 
 }
 
 // Whether the tie points fit `other` better by a tenth.
-bool FitsBetter(const Proof& other, const Proof& usual) {
+bool IsBetterFrame(const Proof& other, const Proof& usual) {
   return other.is_proven && other.sample.median_px < 0.9 * usual.sample.median_px;
 }
 
@@ -66,7 +66,7 @@ StatusOr<Placement> ChooseFrame(const ImportedBlock& block, const ImportOptions&
       Place(block, usual == FrameChoice::kGrid ? FrameChoice::kTrue : FrameChoice::kGrid, options);
   // A reference system may allow one of them only.
   if (!other.ok() || other->placed.true_frame == placement.placed.true_frame) return placement;
-  const bool better = FitsBetter(other->proof, placement.proof);
+  const bool better = IsBetterFrame(other->proof, placement.proof);
   facts->other_frame = (better ? placement : *other).proof.sample;
   if (better) return other;
   return placement;
@@ -190,7 +190,7 @@ StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::stri
   scene.block = &placed.block;
   scene.crs = placed.map.scene();
   if (placed.map.source().kind() != ReferenceSystem::Kind::kLocal) {
-    scene.source = SceneSource{crs, block.offset, mesh.tile_names};
+    scene.source = SceneSource{block.mesh_crs.empty() ? crs : block.mesh_crs, block.offset, mesh.tile_names};
   }
   scene.flights = options.flights;
   scene.copy_images = options.copy_images;

@@ -46,6 +46,7 @@ std::vector<Candidate> CandidatesOf(const MeshSource& mesh, const std::string& c
   const Eigen::Vector3d none = Eigen::Vector3d::Zero();
   if (!crs.empty()) return {{{crs, none}, "the system of --mesh-crs"}};
   if (!mesh.crs.empty()) return {{{mesh.crs, none}, "the system that the mesh's files name"}};
+  if (!source.mesh_crs.empty()) return {{{source.mesh_crs, none}, "the system that the block states for meshes"}};
   if (!mesh.offset.isZero()) return {{{source_crs, none}, "the block's system, with the mesh's offset"}};
   std::vector<Candidate> candidates = {{{source_crs, none}, "the block's system, without an offset"}};
   if (!source.offset.isZero()) {

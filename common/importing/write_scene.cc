@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
@@ -15,30 +14,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
-
-Json CrsJson(const Crs& crs) {
-  switch (crs.kind) {
-    case Crs::Kind::kLocal:
-      break;
-    case Crs::Kind::kEnu:
-      return {{"type", "enu"},
-              {"lat_deg", crs.lat_rad * kDegreesPerRadian},
-              {"lon_deg", crs.lon_rad * kDegreesPerRadian},
-              {"height_m", crs.height_m}};
-    case Crs::Kind::kUtm:
-      return {{"type", "utm"}, {"zone", crs.zone}, {"north", crs.north}};
-    case Crs::Kind::kEcef:
-      return {{"type", "ecef"}};
-    case Crs::Kind::kProjected: {
-      Json json = {{"type", "projected"}, {"epsg", crs.epsg}};
-      if (crs.vertical_epsg != 0) json["vertical"] = crs.vertical_epsg;
-      return json;
-    }
-  }
-  return {{"type", "local"}};
-}
 
 Json ClassesJson(const std::vector<std::string>& names) {
   Json classes = Json::array();
@@ -124,17 +99,11 @@ Status WriteScene(const ImportedScene& scene, const std::string& folder) {
   json["tessera_scene"] = 1;
   json["name"] = scene.name;
   if (!scene.class_names.empty()) json["classes"] = ClassesJson(scene.class_names);
-  json["crs"] = CrsJson(scene.crs);
-  if (!scene.flights.empty()) {
-    for (const FlightPattern& flight : scene.flights) {
-      json["flights"].push_back({{"name", flight.name}, {"images", {flight.images}}});
-    }
+  json["crs"] = Json::parse(CrsToJson(scene.crs));
+  for (const FlightPattern& flight : scene.flights) {
+    json["flights"].push_back({{"name", flight.name}, {"images", {flight.images}}});
   }
-  if (scene.source) {
-    json["source"] = {{"crs", scene.source->crs},
-                      {"offset", {scene.source->offset.x(), scene.source->offset.y(), scene.source->offset.z()}}};
-    if (!scene.source->tiles.empty()) json["source"]["tiles"] = scene.source->tiles;
-  }
+  if (scene.source) json["source"] = Json::parse(SceneSourceToJson(*scene.source));
   return WriteFileAtomic(absl::StrCat(folder, "/scene.json"), json.dump(2) + "\n");
 }
 

@@ -85,6 +85,14 @@ TEST_F(FindImagesTest, TwoImagesOfOneFileAreRefused) {
   EXPECT_THAT(faults_.messages(), ElementsAre(HasSubstr("expected a file for each image")));
 }
 
+TEST_F(FindImagesTest, LabelsWithoutAnExtensionAreFoundAndGetThatOfTheirFile) {
+  const std::string file = Make("project/flight/DSC_1.TIF");
+  Find({"DSC_1"});
+  EXPECT_TRUE(faults_.empty());
+  EXPECT_EQ(found_[0].file, file);
+  EXPECT_EQ(found_[0].name, "DSC_1.TIF");
+}
+
 TEST_F(FindImagesTest, ReplacementsComeFirstAndReplaceWholeNames) {
   Make("project/IMG_1.jpg");
   const std::string other = Make("other/IMG_1.jpg");
