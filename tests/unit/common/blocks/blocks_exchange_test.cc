@@ -229,7 +229,7 @@ TEST(BlocksExchange, ReportsAllFaultsWithTheirPlaces) {
   EXPECT_THAT(ParseExchange(with("Perspective", "Fisheye")).Message(),
               AllOf(HasSubstr("b.xml: /BlocksExchange/Block/Photogroups/Photogroup/CameraModelType (line "),
                     HasSubstr("found 'Fisheye'"), HasSubstr("undistorted")));
-  EXPECT_THAT(ParseExchange(with("<M_00>", "<M_00>1")).Message(), HasSubstr("a matrix that is no rotation"));
+  EXPECT_THAT(ParseExchange(with("<M_00>-0", "<M_00>-9")).Message(), HasSubstr("a matrix that is no rotation"));
   EXPECT_THAT(ParseExchange(with("<M_00>", "<M_00>nan")).Message(), HasSubstr("Rotation/M_00 (line "));
   EXPECT_THAT(ParseExchange(with("<Id>101</Id>", "<Id>100</Id>")).Message(), HasSubstr("a second photograph 100"));
   EXPECT_THAT(ParseExchange(with("XRightYDown", "XRightYLeft")).Message(), HasSubstr("'XRightYLeft'"));

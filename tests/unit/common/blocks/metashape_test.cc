@@ -219,7 +219,7 @@ TEST(Metashape, ReportsAllFaultsWithTheirPlaces) {
     EXPECT_NE(at, std::string::npos) << old_text;
     return ParseMeta(changed.replace(at, old_text.size(), new_text)).Message();
   };
-  EXPECT_THAT(with("type=\"frame\">", "type=\"fisheye\">"), HasSubstr("sensor (line 4, byte"));
+  EXPECT_THAT(with("type=\"frame\">", "type=\"fisheye\">"), HasSubstr("sensor (line 5, byte"));
   EXPECT_THAT(with("type=\"frame\">", "type=\"fisheye\">"), HasSubstr("undistorted"));
   EXPECT_THAT(with("<p1>", "<p3>1</p3><p1>"), HasSubstr("p1 and p2 only"));
   EXPECT_THAT(with("sensor_id=\"3\"", "sensor_id=\"77\""), HasSubstr("found sensor_id 77"));
