@@ -86,6 +86,15 @@ TEST(MeshSource, NamesThatRepeatHaveTheirFolders) {
   EXPECT_THAT(source->tile_names, ElementsAre("b", "north/mesh", "south/mesh"));
   EXPECT_EQ(source->crs, "");
   EXPECT_EQ(source->offset, Eigen::Vector3d(0, 0, 0));
+  EXPECT_THAT(source->conventions, ElementsAre(HasSubstr("(x, y, z) becomes (x, -z, y)")));
+}
+
+TEST(MeshSource, LeavesOutMetadataOfOtherPrograms) {
+  const std::string folder = FolderWith({"mesh.ply", "metadata.xml"});
+  const StatusOr<MeshSource> source = FindMeshSource(folder);
+  ASSERT_TRUE(source.ok()) << source.status();
+  EXPECT_THAT(source->left_out, ElementsAre(HasSubstr("metadata.xml: not the metadata.xml of a ContextCapture mesh")));
+  EXPECT_THAT(source->metadata, IsEmpty());
 }
 
 TEST(MeshSource, RefusesTwoFilesOfATileAndFoldersWithoutMesh) {
