@@ -109,7 +109,9 @@ Status FindTiles(const std::string& folder, MeshSource* source) {
     meshes.push_back(TileFileOf(name));
     if (fs::path(name).filename() != kOdmMesh) continue;
     // Beside it OpenDroneMap writes the same mesh in other coordinates.
-    source->left_out.push_back(absl::StrCat("other meshes beside ", Printable(name)));
+    if (std::count_if(names.begin(), names.end(), HasMeshEnding) > 1) {
+      source->left_out.push_back(absl::StrCat("other meshes than ", Printable(name)));
+    }
     meshes = {meshes.back()};
     break;
   }
@@ -153,7 +155,7 @@ bool ParseOrigin(const std::string& text, Eigen::Vector3d* point) {
 }
 
 std::string OriginText(const Eigen::Vector3d& point) {
-  return absl::StrFormat("%.4f, %.4f, %.4f", point.x(), point.y(), point.z());
+  return absl::StrFormat("%.12g, %.12g, %.12g", point.x(), point.y(), point.z());
 }
 
 Status ReadModelMetadata(const std::string& path, MeshSource* source) {
