@@ -36,6 +36,10 @@ bool HasMeshEnding(const std::string& file) {
                      [&](std::string_view ending) { return absl::EndsWithIgnoreCase(file, std::string(ending)); });
 }
 
+bool IsGltfFile(const std::string& file) {
+  return absl::EndsWithIgnoreCase(file, ".glb") || absl::EndsWithIgnoreCase(file, ".gltf");
+}
+
 // A file of a folder: tile "Data/Tile_+001_-002/Tile_+001_-002", and of level 21 the node "3" of its tree.
 struct TileFile {
   std::string path;  // relative to the folder
@@ -77,7 +81,8 @@ std::vector<TileFile> FinestTiles(const std::vector<TileFile>& files, std::vecto
   for (const TileFile& file : files) tiles[file.tile].push_back(&file);
   std::vector<TileFile> finest;
   int64_t coarser = 0;
-  for (auto& [tile, levels] : tiles) {
+  for (auto& entry : tiles) {
+    std::vector<const TileFile*>& levels = entry.second;
     std::stable_sort(levels.begin(), levels.end(),
                      [](const TileFile* a, const TileFile* b) { return a->level < b->level; });
     for (size_t k = 0; k < levels.size(); ++k) {
@@ -104,7 +109,9 @@ Status FindTiles(const std::string& folder, MeshSource* source) {
     meshes.push_back(TileFileOf(name));
     if (fs::path(name).filename() != kOdmMesh) continue;
     // Beside it OpenDroneMap writes the same mesh in other coordinates.
-    source->left_out.push_back(absl::StrCat("other meshes beside ", Printable(name)));
+    if (std::count_if(names.begin(), names.end(), HasMeshEnding) > 1) {
+      source->left_out.push_back(absl::StrCat("other meshes than ", Printable(name)));
+    }
     meshes = {meshes.back()};
     break;
   }
@@ -148,11 +155,15 @@ bool ParseOrigin(const std::string& text, Eigen::Vector3d* point) {
 }
 
 std::string OriginText(const Eigen::Vector3d& point) {
-  return absl::StrFormat("%.4f, %.4f, %.4f", point.x(), point.y(), point.z());
+  return absl::StrFormat("%.12g, %.12g, %.12g", point.x(), point.y(), point.z());
 }
 
 Status ReadModelMetadata(const std::string& path, MeshSource* source) {
   TESSERA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, kMaxMetadataBytes));
+  if (bytes.find("<ModelMetadata") == std::string::npos) {
+    source->left_out.push_back(absl::StrCat(Printable(path), ": not the metadata.xml of a ContextCapture mesh"));
+    return absl::OkStatus();
+  }
   TESSERA_ASSIGN_OR_RETURN(const ModelMetadata metadata, ParseModelMetadata(bytes, path));
   source->metadata.push_back(path);
   source->crs = metadata.crs;
@@ -241,6 +252,9 @@ StatusOr<MeshSource> FindMeshSource(const std::string& given_path) {
   } else {
     source.files = {path};
     source.tile_names = {fs::path(path).stem().string()};
+  }
+  if (std::any_of(source.files.begin(), source.files.end(), IsGltfFile)) {
+    source.conventions.push_back("The y axis of glTF files points up: (x, y, z) becomes (x, -z, y).");
   }
   if (source.files.size() == 1 && fs::path(source.files[0]).filename() == kOdmMesh) {
     TESSERA_RETURN_IF_ERROR(ReadOdmOffset(source.files[0], &source));

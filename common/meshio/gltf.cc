@@ -19,15 +19,20 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kMaxGltfFileBytes = std::numeric_limits<uint32_t>::max();  // the limit of GLB
-// Nodes may place a mesh any number of times, so the file's size does not bound what comes out.
-constexpr int64_t kMaxPlacedElements = int64_t{1} << 32;  // vertices and corners
+// Nodes may place a mesh any number of times. This bounds the vertices and corners that come out of a file.
+constexpr int64_t kPlacedElements = 1 << 24, kPlacedElementsPerByte = 64;
 constexpr int64_t kTriangles = 4, kStrip = 5, kFan = 6;
 constexpr uint32_t kUnread = std::numeric_limits<uint32_t>::max();
 
 class GltfReader {
  public:
-  GltfReader(GltfDocument& document, const std::string& name, const MeshReadOptions& options, MeshSink& sink)
-      : document_(document), name_(name), options_(options), sink_(sink) {
+  GltfReader(GltfDocument& document, int64_t size_bytes, const std::string& name, const MeshReadOptions& options,
+             MeshSink& sink)
+      : document_(document),
+        name_(name),
+        options_(options),
+        sink_(sink),
+        max_elements_(kPlacedElements + kPlacedElementsPerByte * size_bytes) {
     if (options.materials == nullptr) attribute_ = options.label_property.value_or("");
   }
 
@@ -214,9 +219,9 @@ class GltfReader {
 
   Status CountElements(int64_t count, const std::string& location) {
     elements_ += count;
-    if (elements_ <= kMaxPlacedElements) return absl::OkStatus();
-    return Error(location, absl::StrCat("more than ", kMaxPlacedElements, " vertices and corners in all nodes"),
-                 "a smaller mesh, or several files");
+    if (elements_ <= max_elements_) return absl::OkStatus();
+    return Error(location, absl::StrCat("more than ", max_elements_, " vertices and corners in all nodes"),
+                 "fewer nodes with the same mesh");
   }
 
   void WarnOf(int64_t count, const char* what) const {
@@ -232,6 +237,7 @@ class GltfReader {
   const MeshReadOptions& options_;
   MeshSink& sink_;
   std::string attribute_;  // with the labels; empty: none
+  const int64_t max_elements_;
   PositionIndex vertices_;
   Placed placed_;
   int64_t elements_ = 0, labelled_primitives_ = 0;
@@ -241,7 +247,7 @@ class GltfReader {
 Status StreamGltfBytes(const std::string& bytes, const std::string& name, const std::string& folder,
                        const MeshReadOptions& options, MeshSink& sink) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<GltfDocument> document, GltfDocument::Parse(bytes, name, folder));
-  return GltfReader(*document, name, options, sink).Read();
+  return GltfReader(*document, document->size_bytes(), name, options, sink).Read();
 }
 
 }  // namespace

@@ -288,6 +288,17 @@ StatusOr<std::unique_ptr<GltfDocument>> GltfDocument::Parse(const std::string& b
   return std::unique_ptr<GltfDocument>(new GltfDocument(std::move(impl)));
 }
 
+int64_t GltfDocument::size_bytes() const {
+  int64_t size = static_cast<int64_t>(impl_->bytes.size());
+  if (impl_->folder.empty()) return size;
+  const Json* const list = Member(impl_->root, "buffers");
+  for (size_t k = 0; k < SizeOf(list); ++k) {
+    const StatusOr<int64_t> length = impl_->Number(list->at(k), "byteLength", "", 0);
+    if (length.ok() && Member(list->at(k), "uri") != nullptr) size += std::min(*length, kMaxBufferBytes);
+  }
+  return std::min(size, 2 * kMaxBufferBytes);
+}
+
 StatusOr<std::vector<int64_t>> GltfDocument::RootNodes() const {
   const Json& root = impl_->root;
   if (SizeOf(Member(root, "scenes")) > 0) {

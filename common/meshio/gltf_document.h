@@ -74,6 +74,8 @@ class GltfDocument {
                                                        const std::string& folder);
   ~GltfDocument();
 
+  // Of the file and of those beside it that it names, as far as it states them.
+  int64_t size_bytes() const;
   // The roots of the file's scene: the one in `scene`, else the first, else all nodes that are no children.
   StatusOr<std::vector<int64_t>> RootNodes() const;
   int64_t NodeCount() const;

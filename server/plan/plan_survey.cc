@@ -91,7 +91,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
       files.known[scene_files[i].name] = known->second;
     } else {
       update.scene_files.Edit().push_back(static_cast<int>(i));
-      for (const char* const extension : {".ply", ".obj"}) {
+      for (const char* const extension : {".ply", ".obj", ".glb", ".gltf"}) {
         other_mesh |= absl::EndsWithIgnoreCase(scene_files[i].name, extension);
       }
     }

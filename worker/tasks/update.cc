@@ -134,7 +134,7 @@ Status ReviseMesh(const SceneDescription& scene, const BaseMesh& base_mesh, cons
   // The base job may be older than the names of labels that are known now.
   with_base_mesh.label_property = survey->has_labels ? base_mesh.label_property : std::string();
   if (!FileExists(absl::StrCat(scene.folder, "/", base_mesh.path))) {
-    return InputError(path, "", "a new mesh of another name", "a name that ends in .ply or .obj");
+    return InputError(path, "", "a new mesh of another name", "a name that ends in .ply, .obj, .glb or .gltf");
   }
   TESSERA_ASSIGN_OR_RETURN(DiskMesh base, ReadMeshToDisk(with_base_mesh, scratch));
   repair.views = RepairOptionsOf(base_mesh.views, scene.frame).views;  // as the base job repaired it

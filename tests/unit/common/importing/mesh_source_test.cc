@@ -50,7 +50,7 @@ TEST(MeshSource, FindsTilesAndTheirSystemFromEachFolder) {
     EXPECT_EQ(source->crs, "EPSG:32632");
     EXPECT_EQ(source->offset, Eigen::Vector3d(691000.5, 5334000.25, 500));
     EXPECT_THAT(source->metadata, ElementsAre(folder + "/metadata.xml"));
-    EXPECT_THAT(source->conventions, ElementsAre(HasSubstr("(691000.5000, 5334000.2500, 500.0000) is added")));
+    EXPECT_THAT(source->conventions, ElementsAre(HasSubstr("(691000.5, 5334000.25, 500) is added")));
     EXPECT_THAT(source->left_out, IsEmpty());
   }
   const StatusOr<MeshSource> one = FindMeshSource(folder + "/Data/Tile_+001_+000/Tile_+001_+000.obj");
@@ -86,6 +86,15 @@ TEST(MeshSource, NamesThatRepeatHaveTheirFolders) {
   EXPECT_THAT(source->tile_names, ElementsAre("b", "north/mesh", "south/mesh"));
   EXPECT_EQ(source->crs, "");
   EXPECT_EQ(source->offset, Eigen::Vector3d(0, 0, 0));
+  EXPECT_THAT(source->conventions, ElementsAre(HasSubstr("(x, y, z) becomes (x, -z, y)")));
+}
+
+TEST(MeshSource, LeavesOutMetadataOfOtherPrograms) {
+  const std::string folder = FolderWith({"mesh.ply", "metadata.xml"});
+  const StatusOr<MeshSource> source = FindMeshSource(folder);
+  ASSERT_TRUE(source.ok()) << source.status();
+  EXPECT_THAT(source->left_out, ElementsAre(HasSubstr("metadata.xml: not the metadata.xml of a ContextCapture mesh")));
+  EXPECT_THAT(source->metadata, IsEmpty());
 }
 
 TEST(MeshSource, RefusesTwoFilesOfATileAndFoldersWithoutMesh) {
@@ -105,6 +114,7 @@ TEST(MeshSource, ReadsTheOffsetOfOpenDroneMap) {
     const StatusOr<MeshSource> source = FindMeshSource(folder + below);
     ASSERT_TRUE(source.ok()) << source.status();
     EXPECT_THAT(source->tile_names, ElementsAre("odm_textured_model_geo"));
+    EXPECT_EQ(source->left_out.size(), fs::is_directory(folder + below) ? 1u : 0u);
     EXPECT_EQ(source->crs, "EPSG:32615");
     EXPECT_EQ(source->offset, Eigen::Vector3d(576705.1057826, 5188170.6047917, 0));
   }

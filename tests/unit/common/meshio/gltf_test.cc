@@ -273,7 +273,7 @@ TEST(Gltf, ErrorsHaveTheirPlace) {
   EXPECT_THAT(GltfError(GltfReplaced(binary, "BIN", "BIM")), HasSubstr("buffers[0]: found 36 bytes without a URI"));
 }
 
-// 2^32 vertices or corners may come from a small file that places its mesh many times.
+// A small file may place its mesh many times.
 TEST(Gltf, BoundsWhatNodesPlace) {
   GltfBuffer buffer;
   buffer.Add<uint8_t>(std::vector<uint8_t>(3'000'000), 5121, "VEC3", ",\"normalized\":false");
