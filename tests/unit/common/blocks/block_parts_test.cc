@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-TEST(BlockEntriesTest, LensesAreTheSimplestOfColmaps) {
+TEST(BlockPartsTest, LensesAreTheSimplestOfColmaps) {
   using Kind = LensModel::Kind;
   const PinholeCamera square{400, 300, 500, 500, 200, 150}, flat{400, 300, 500, 501, 200, 150};
   EXPECT_EQ(MakeBrownLens(square, {}, 0, 0).kind, Kind::kPinhole);
@@ -34,7 +34,7 @@ TEST(BlockEntriesTest, LensesAreTheSimplestOfColmaps) {
   EXPECT_EQ(block.cameras.size(), 2u);
 }
 
-TEST(BlockEntriesTest, RotationsAreOrthonormal) {
+TEST(BlockPartsTest, RotationsAreOrthonormal) {
   const Eigen::Matrix3d rotation = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
   Eigen::Matrix3d matrix = rotation;
   matrix(0, 1) += 4e-4;

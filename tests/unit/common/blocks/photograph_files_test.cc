@@ -1,11 +1,8 @@
-// Photographs of blocks are found, lenses shared, rotations checked.
+// Photographs of blocks are found by the ends of their paths.
 #include "common/blocks/photograph_files.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
-#include <Eigen/Geometry>
-#include <cmath>
 
 #include "tests/support/blocks/write_image_header.h"
 #include "tests/support/tiny_scene.h"
@@ -15,7 +12,7 @@ namespace {
 
 using testing::HasSubstr;
 
-TEST(BlockEntriesTest, FindsPhotographsByTheLongestCommonTail) {
+TEST(PhotographFilesTest, FindsPhotographsByTheLongestCommonTail) {
   const std::string folder = FreshTestFolder("entries"), block = folder + "/block", images = folder + "/images";
   WriteImageHeader(block + "/here.png", 30, 20);
   WriteImageHeader(block + "/sub/tail.png", 31, 20);
