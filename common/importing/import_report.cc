@@ -62,7 +62,9 @@ StatusOr<std::string> ImportJson(const ImportFacts& facts) {
   json["proof"]["proven"] = facts.proof->is_proven || (facts.patches && facts.patches->is_proven);
   if (facts.patches) json["proof"]["patches"] = Json::parse(PatchProofToJson(*facts.patches));
   if (facts.mesh) {
-    TESSERA_ASSIGN_OR_RETURN(Json files, FilesJson(facts.mesh_source->files));
+    std::vector<std::string> read = facts.mesh_source->files;
+    read.insert(read.end(), facts.mesh_source->metadata.begin(), facts.mesh_source->metadata.end());
+    TESSERA_ASSIGN_OR_RETURN(Json files, FilesJson(read));
     json["mesh"] = {{"files", std::move(files)},
                     {"coordinates", facts.mesh_place},
                     {"vertices", facts.mesh->vertices},
