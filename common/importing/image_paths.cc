@@ -117,7 +117,8 @@ std::string PathHere(const std::string& path, const ImageSearch& search) {
 Status MissingImages(const std::vector<const BlockImage*>& missing, size_t images, const ImageSearch& search) {
   ImageIndex near;
   std::set<std::string> parents;
-  for (const std::string& folder : search.folders) parents.insert(fs::path(AbsolutePath(folder)).parent_path().string());
+  for (const std::string& folder : search.folders)
+    parents.insert(fs::path(AbsolutePath(folder)).parent_path().string());
   if (search.folders.empty()) parents.insert(fs::path(FolderOfSource(search.source)).parent_path().string());
   for (const std::string& parent : parents) {
     if (fs::path(parent).has_relative_path()) near.AddFolder(parent, kMaxEntriesOfHint);  // not the root
@@ -133,8 +134,8 @@ Status MissingImages(const std::vector<const BlockImage*>& missing, size_t image
              absl::StrCat("/", absl::StrJoin(own.begin(), own.end() - common, "/"))}];
   }
   std::string advice = "add --images with the folder where they lie";
-  const auto most = std::max_element(votes.begin(), votes.end(),
-                                     [](const auto& a, const auto& b) { return a.second < b.second; });
+  const auto most =
+      std::max_element(votes.begin(), votes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
   if (most != votes.end()) {
     const auto& [from, to] = most->first;
     advice = from.empty() ? absl::StrCat("--images '", to, "' finds ", most->second)
@@ -226,10 +227,10 @@ std::vector<FoundImage> FindImages(const std::vector<BlockImage>& images, const 
     }
     const auto [owner, is_new] = owners.emplace(file, i);
     if (!is_new) {
-      faults->Add(InputError(search.source, image.location,
-                             absl::StrCat("file ", file, " for '", images[owner->second].path, "' and '", image.path,
-                                          "'"),
-                             "a file for each image"));
+      faults->Add(
+          InputError(search.source, image.location,
+                     absl::StrCat("file ", file, " for '", images[owner->second].path, "' and '", image.path, "'"),
+                     "a file for each image"));
       continue;
     }
     found[i].file = file;

@@ -85,7 +85,8 @@ std::string ImportText(const ImportFacts& facts) {
   const auto row = [&](const char* name, const std::string& value) {
     absl::StrAppendFormat(&text, "%-12s %s\n", name, value);
   };
-  row("block", absl::StrCat(block.format, block.version.empty() ? "" : " ", block.version, ", ", facts.options->source));
+  row("block",
+      absl::StrCat(block.format, block.version.empty() ? "" : " ", block.version, ", ", facts.options->source));
   row("images", absl::StrFormat("%d of %d, %d cameras", ImagesOf(facts), block.images.size(), block.cameras.size()));
   row("coordinates", FrameText(facts));
   if (facts.other_frame) {
@@ -101,8 +102,8 @@ std::string ImportText(const ImportFacts& facts) {
     for (size_t i = 1; i < block.left_out.size(); ++i) row("", block.left_out[i]);
   }
   row("proof", facts.proof->is_proven ? "proven on the tie points"
-               : facts.patches         ? PatchProofToText(*facts.patches)
-                                       : "not proven: no tie points, and no mesh to compare images through");
+               : facts.patches        ? PatchProofToText(*facts.patches)
+                                      : "not proven: no tie points, and no mesh to compare images through");
   row("scene", facts.out);
   return absl::StrCat(text, "\n", ProofToText(*facts.proof, kWorstImages), "\n", "Next: tessera run ", facts.out,
                       " --out ", facts.out, "-refined\n");

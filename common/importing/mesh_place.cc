@@ -81,7 +81,8 @@ StatusOr<MeshPlace> PlaceMesh(const MeshSource& mesh, const std::string& crs, co
     best.emplace(MeshPlace{*std::move(map), std::move(candidate.text)});
   }
   if (best) return *std::move(best);
-  return InputError(mesh.files.front(), "", absl::StrCat("coordinates that cannot be converted: ", first_error.message()),
+  return InputError(mesh.files.front(), "",
+                    absl::StrCat("coordinates that cannot be converted: ", first_error.message()),
                     "a mesh in the block's system: state its system by --mesh-crs");
 }
 

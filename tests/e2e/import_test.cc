@@ -1,0 +1,181 @@
+// `tessera import`: blocks of other programs become scenes, or are refused.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "common/blocks/block_format.h"
+#include "common/meshio/ply.h"
+#include "common/scene/scene.h"
+#include "tests/e2e/programs.h"
+#include "tests/support/blocks/write_blocks_exchange.h"
+
+namespace tessera::e2e {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+const Eigen::Vector3d kShift(691200.25, 5334016.5, 520);  // a place in UTM zone 32
+
+class ImportTest : public testing::Test {
+ protected:
+  ImportTest()
+      : folder_(TempFolder::Create(testing::TempDir()).value()),
+        block_(folder_.path() + "/block.xml"),
+        mesh_(folder_.path() + "/Production_1"),
+        scene_(folder_.path() + "/scene") {}
+
+  // The toy city's model at kShift, as another program on another machine writes it.
+  ImportedBlock Block() const {
+    ImportedBlock block = ReadBlock(ToyCity() + "/colmap", "colmap", {}, nullptr).value();
+    for (BlockImage& image : block.images) {
+      image.path = "D:\\flights\\may\\" + image.path;
+      image.centre += kShift;
+    }
+    for (BlockTiePoint& point : block.points) point.position += kShift;
+    return block;
+  }
+  void WriteBlock(const ImportedBlock& block) const {
+    ExchangeWriteOptions options;
+    options.block_srs = "EPSG:32632";
+    ASSERT_TRUE(WriteFileAtomic(block_, WriteBlocksExchange(block, options)).ok());
+  }
+  // The toy city's mesh as one OBJ tile, and the origin of its coordinates.
+  void WriteMesh(const Eigen::Vector3d& origin) const {
+    const TriangleMesh mesh = ReadPly(ToyCity() + "/mesh.ply").value().mesh;
+    std::string obj;
+    for (const Eigen::Vector3d& v : mesh.vertices)
+      absl::StrAppendFormat(&obj, "v %.9f %.9f %.9f\n", v.x(), v.y(), v.z());
+    const char* materials[] = {"Ground", "Wall", "Tiles", "Trees"};
+    int32_t last = -1;
+    for (size_t f = 0; f < mesh.faces.size(); ++f) {
+      if (mesh.labels[f] != last) absl::StrAppend(&obj, "usemtl ", materials[last = mesh.labels[f]], "\n");
+      const Triangle& face = mesh.faces[f];
+      absl::StrAppend(&obj, "f ", face[0] + 1, " ", face[1] + 1, " ", face[2] + 1, "\n");
+    }
+    fs::create_directories(mesh_ + "/Data/Tile_+000_+000");
+    ASSERT_TRUE(WriteFileAtomic(mesh_ + "/Data/Tile_+000_+000/Tile_+000_+000.obj", obj).ok());
+    ASSERT_TRUE(WriteFileAtomic(mesh_ + "/metadata.xml",
+                                absl::StrFormat("<?xml version=\"1.0\"?>\n<ModelMetadata version=\"1\"><SRS>EPSG:32632"
+                                                "</SRS><SRSOrigin>%.17g,%.17g,%.17g</SRSOrigin></ModelMetadata>\n",
+                                                origin.x(), origin.y(), origin.z()))
+                    .ok());
+  }
+  Outcome Import(const std::vector<std::string>& more) const {
+    std::vector<std::string> arguments = {"import", block_, "--out", scene_};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Tessera(folder_.path(), arguments);
+  }
+
+  const TempFolder folder_;
+  const std::string block_, mesh_, scene_;
+};
+
+TEST_F(ImportTest, BlockAndTilesBecomeTheScene) {
+  WriteBlock(Block());
+  WriteMesh(kShift);
+  const std::string classes = folder_.path() + "/classes.json";
+  ASSERT_TRUE(
+      WriteFileAtomic(classes, R"({"Ground": "ground", "Wall": "facade", "Tiles": "roof", "Trees": "vegetation"})")
+          .ok());
+  const Outcome outcome = Import({"--images", ToyCity() + "/images", "--mesh", mesh_, "--frame", "grid", "--labels",
+                                  "material", "--classes", classes, "--flight", "may=*"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, AllOf(HasSubstr("proven on the tie points"), HasSubstr("tessera run")));
+
+  Warnings warnings;
+  const SceneDescription imported = LoadScene(scene_, &warnings).value(),
+                         made = LoadScene(ToyCity(), &warnings).value();
+  EXPECT_EQ(imported.frame.crs().kind, Crs::Kind::kUtm);
+  ASSERT_EQ(imported.views.size(), made.views.size());
+  for (size_t v = 0; v < made.views.size(); ++v) {
+    const SceneView &got = imported.views[v], &expected = made.views[v];
+    EXPECT_EQ(got.name, expected.name);
+    EXPECT_EQ(imported.flights[got.flight].name, "may");
+    const Eigen::Vector3d centre = imported.frame.SceneFromLocal(got.camera.Centre()) - kShift;
+    EXPECT_LT((centre - made.frame.SceneFromLocal(expected.camera.Centre())).norm(), 1e-6) << got.name;
+    EXPECT_LT((got.camera.rotation_cam_from_world - expected.camera.rotation_cam_from_world).cwiseAbs().maxCoeff(),
+              1e-9);
+    EXPECT_NEAR(got.lens.pinhole.fx, expected.lens.pinhole.fx, 1e-9);
+    EXPECT_NEAR(got.lens.pinhole.cx, expected.lens.pinhole.cx, 1e-9);
+  }
+  const TriangleMesh mesh = ReadPly(scene_ + "/mesh.ply").value().mesh,
+                     start = ReadPly(ToyCity() + "/mesh.ply").value().mesh;
+  EXPECT_EQ(mesh.labels, start.labels);
+  ASSERT_EQ(mesh.vertices.size(), start.vertices.size());
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    EXPECT_LT((mesh.vertices[i] - kShift - start.vertices[i]).norm(), 1e-8) << i;
+  }
+  const auto report = nlohmann::json::parse(Content(scene_ + "/import.json"));
+  EXPECT_EQ(report["format"], "blocksexchange");
+  EXPECT_EQ(report["proof"]["proven"], true);
+  EXPECT_EQ(report["files"][0]["sha256"].get<std::string>().size(), 64u);
+  EXPECT_FALSE(report["conventions"].empty());
+  EXPECT_TRUE(fs::is_symlink(fs::path(scene_) / "images" / made.views[0].name));
+  EXPECT_EQ(Tessera(folder_.path(), {"check", scene_}).exit_code, 0);
+  EXPECT_EQ(Import({"--images", ToyCity() + "/images"}).exit_code, 2) << "the scene exists";
+}
+
+TEST_F(ImportTest, ImagesMayBeCopied) {
+  WriteBlock(Block());
+  WriteMesh(kShift);
+  const Outcome outcome = Import(
+      {"--image-path", "d:\\flights\\may=" + ToyCity() + "/images", "--mesh", mesh_, "--frame", "grid", "--copy"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  for (const auto& entry : fs::directory_iterator(scene_ + "/images")) EXPECT_FALSE(entry.is_symlink()) << entry.path();
+}
+
+TEST_F(ImportTest, MissingImagesAreListedWithTheOptionThatFindsThem) {
+  WriteBlock(Block());
+  fs::create_directories(folder_.path() + "/photos/may");
+  for (const auto& entry : fs::directory_iterator(ToyCity() + "/images")) {
+    fs::create_symlink(entry.path(), folder_.path() + "/photos/may/" + entry.path().filename().string());
+  }
+  fs::create_directories(folder_.path() + "/project");
+  fs::rename(block_, folder_.path() + "/project/block.xml");
+  const Outcome outcome = Tessera(folder_.path(), {"import", folder_.path() + "/project/block.xml", "--out", scene_});
+  EXPECT_EQ(outcome.exit_code, 3);
+  EXPECT_THAT(outcome.output,
+              AllOf(HasSubstr("D:\\flights\\may\\"), HasSubstr("more"),
+                    HasSubstr(absl::StrCat("--image-path 'D:/flights'='", folder_.path(), "/photos'"))));
+  EXPECT_FALSE(fs::exists(scene_));
+}
+
+TEST_F(ImportTest, WrongRotationsAreRefusedWithTheReadingThatFits) {
+  ImportedBlock block = Block();
+  for (BlockImage& image : block.images) image.rotation_cam_from_block.transposeInPlace();
+  WriteBlock(block);
+  const Outcome outcome = Import({"--images", ToyCity() + "/images", "--frame", "grid"});
+  EXPECT_EQ(outcome.exit_code, 3);
+  EXPECT_THAT(outcome.output, HasSubstr("transposed rotations"));
+  EXPECT_FALSE(fs::exists(scene_));
+}
+
+TEST_F(ImportTest, MeshWithAnotherOffsetIsRefused) {
+  WriteBlock(Block());
+  WriteMesh(kShift + Eigen::Vector3d(3000, 0, 0));
+  const Outcome outcome = Import({"--images", ToyCity() + "/images", "--mesh", mesh_, "--frame", "grid"});
+  EXPECT_EQ(outcome.exit_code, 3);
+  EXPECT_THAT(outcome.output, AllOf(HasSubstr("mesh.ply"), Not(HasSubstr(".tessera-import-"))));
+  EXPECT_FALSE(fs::exists(scene_));
+  for (const auto& entry : fs::directory_iterator(folder_.path())) {
+    EXPECT_THAT(entry.path().filename().string(), Not(HasSubstr(".tessera-import-")));
+  }
+}
+
+TEST_F(ImportTest, GridAdjustedAsIfCartesianIsRecognised) {
+  WriteBlock(Block());  // its coordinates are Cartesian, and it says UTM
+  const Outcome outcome = Import({"--images", ToyCity() + "/images"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, AllOf(HasSubstr("in the other frame"), HasSubstr("the scene has no mesh")));
+}
+
+}  // namespace
+}  // namespace tessera::e2e
