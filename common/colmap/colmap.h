@@ -11,9 +11,9 @@ namespace tessera {
 
 // Reads the model in `folder`: cameras.* and images.*, and points3D.* if it exists and is requested. Camera models:
 // SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, and in text TESSERA_BROWN (LensModel::kBrown); a
-// camera with only zero coefficients becomes a pinhole. Quaternions are normalised. Invalid entries are omitted and reported to `faults` with file and line (text)
-// or byte offset (binary); those of cameras only if an image has the camera. Allocates at most a small multiple of the
-// files' sizes.
+// camera with only zero coefficients becomes a pinhole. Quaternions are normalised. Invalid entries are omitted and
+// reported to `faults` with file and line (text) or byte offset (binary); those of cameras only if an image has the
+// camera. Allocates at most a small multiple of the files' sizes.
 // - Of a text and a binary model, the binary one is read; if they differ by more than rounding, the newer one, with a
 //   warning.
 // - A folder without a model may have models in 0, 1, ..., sparse, sparse/0, sparse/1, ...: that with most images is

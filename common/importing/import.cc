@@ -102,7 +102,7 @@ Status CheckWritten(const std::string& folder, const std::string& out, const Imp
   SceneLoadOptions load;
   load.anyway = options.anyway;
   load.to_be_classified = load.by_default_rule = !has_labels;  // as a job would
-  constexpr int64_t kBytesOfFace = 1000;                        // of the mesh and what CheckScene keeps of it
+  constexpr int64_t kBytesOfFace = 1000;                       // of the mesh and what CheckScene keeps of it
   Warnings found;
   StatusOr<CheckedScene> checked =
       CheckScene(folder, load, std::max<int64_t>(1'000'000, MemoryLimit_bytes() / 2 / kBytesOfFace), &found, control);
@@ -181,8 +181,7 @@ StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::stri
     if (merge.labels != LabelSource::kNone) scene.class_names = facts.mesh->classes;
     facts.mesh_place = place.text;
   } else {
-    warnings->push_back(
-        "the scene has no mesh: add --mesh; without one it can only be a new flight of an earlier job");
+    warnings->push_back("the scene has no mesh: add --mesh; without one it can only be a new flight of an earlier job");
   }
 
   control.Report(kMeshShare, "writing the scene");

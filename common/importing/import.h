@@ -24,9 +24,9 @@ struct ImportOptions {
   std::string mesh_crs;  // the same for the mesh; empty: that of its files, else that of the block
   HeightOptions heights;
   std::optional<FrameChoice> frame;  // none: the one that the tie points fit better
-  std::string labels = "none";  // none, material, property:NAME
-  std::string class_file;       // names of materials or labels to classes
-  int component = -1;           // -1: the one with most images
+  std::string labels = "none";       // none, material, property:NAME
+  std::string class_file;            // names of materials or labels to classes
+  int component = -1;                // -1: the one with most images
   std::vector<FlightPattern> flights;
   double max_error_px = 1.5;  // of the median of residuals
   bool anyway = false;        // warn where images, poses and mesh do not fit, instead of refusing
