@@ -170,6 +170,10 @@ StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::stri
   if (!mesh_path.empty()) {
     TESSERA_ASSIGN_OR_RETURN(const MeshPlace place,
                              PlaceMesh(mesh, options.mesh_crs, block, crs, placed, options.heights));
+    if (merge.labels == LabelSource::kNone && !place.label_property.empty()) {
+      warnings->push_back(absl::StrCat(
+          mesh.files.front(), ": has labels, which are not read: add --labels property:", place.label_property));
+    }
     merge.scene_from_source = [&](const Eigen::Vector3d& point) {
       Eigen::Vector3d in_scene = point;
       // MergeMeshes refuses what is not finite.

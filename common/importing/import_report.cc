@@ -105,8 +105,8 @@ std::string ImportText(const ImportFacts& facts) {
                : facts.patches        ? PatchProofToText(*facts.patches)
                                       : "not proven: no tie points, and no mesh to compare images through");
   row("scene", facts.out);
-  return absl::StrCat(text, "\n", ProofToText(*facts.proof, kWorstImages), "\n", "Next: tessera run ", facts.out,
-                      " --out ", facts.out, "-refined\n");
+  if (facts.proof->sample.observations > 0) absl::StrAppend(&text, "\n", ProofToText(*facts.proof, kWorstImages));
+  return absl::StrCat(text, "\nNext: tessera run ", facts.out, " --out ", facts.out, "-refined\n");
 }
 
 }  // namespace tessera

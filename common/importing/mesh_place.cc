@@ -16,12 +16,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The box of the vertices of one file.
+// The box of the vertices of one file, and its labels.
 struct BoxSink : MeshSink {
-  Status Begin(const MeshLayout&) override { return absl::OkStatus(); }
+  Status Begin(const MeshLayout& layout) override {
+    label_property = layout.label_property;
+    return absl::OkStatus();
+  }
   void AddVertex(const Eigen::Vector3d& position, int32_t) override { box.extend(position); }
   void AddFace(const Triangle&, int32_t) override {}
   Eigen::AlignedBox3d box;
+  std::string label_property;
 };
 
 Eigen::AlignedBox3d BoxOf(const ImportedBlock& placed) {
@@ -78,7 +82,7 @@ StatusOr<MeshPlace> PlaceMesh(const MeshSource& mesh, const std::string& crs, co
     const double distance = block.isEmpty() ? 0 : block.exteriorDistance(middle);
     if (distance >= nearest) continue;
     nearest = distance;
-    best.emplace(MeshPlace{*std::move(map), std::move(candidate.text)});
+    best.emplace(MeshPlace{*std::move(map), std::move(candidate.text), sink.label_property});
   }
   if (best) return *std::move(best);
   return InputError(mesh.files.front(), "",

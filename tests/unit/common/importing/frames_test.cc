@@ -248,10 +248,10 @@ TEST(FramesTest, MeshesOfAnotherSystemAndOffset) {
     Eigen::Vector3d g = in_block;
     ASSERT_TRUE(utm.Locate(g).ok() && utm.ToGeodetic({&g, 1}).ok());
     const Eigen::Vector3d angles(g.y() / kFramesDegree, g.x() / kFramesDegree, g.z());
-    const StatusOr<SceneMap> other = SceneMap::Open({"EPSG:4979", {}}, placed->map.scene(), {}, angles);
+    const StatusOr<SceneMap> other = SceneMap::Open({"EPSG:4979", Eigen::Vector3d::Zero()}, placed->map.scene(), {}, angles);
     ASSERT_TRUE(other.ok()) << other.status();
     EXPECT_LT((InScene(*other, angles) - expected).norm(), 1e-6);
-    EXPECT_FALSE(SceneMap::Open({"", {}}, placed->map.scene(), {}, {0, 0, 0}).ok());
+    EXPECT_FALSE(SceneMap::Open({"", Eigen::Vector3d::Zero()}, placed->map.scene(), {}, {0, 0, 0}).ok());
   }
 }
 
