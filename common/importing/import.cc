@@ -97,15 +97,23 @@ std::string InMessages(const std::string& text, const std::string& folder, const
   return absl::StrReplaceAll(text, {{folder, out}});
 }
 
-Status CheckWritten(const std::string& folder, const std::string& out, const ImportOptions& options, bool has_labels,
-                    bool has_tie_points, ImportFacts* facts, Warnings* warnings, const TaskControl& control) {
+// Checks the scene in `folder` as a job would; without a mesh only its files.
+Status CheckWritten(const std::string& folder, const std::string& out, const ImportOptions& options,
+                    const ImportedScene& scene, bool has_tie_points, ImportFacts* facts, Warnings* warnings,
+                    const TaskControl& control) {
   SceneLoadOptions load;
   load.anyway = options.anyway;
-  load.to_be_classified = load.by_default_rule = !has_labels;  // as a job would
-  constexpr int64_t kBytesOfFace = 1000;                       // of the mesh and what CheckScene keeps of it
+  load.needs_mesh = facts->mesh.has_value();
+  load.to_be_classified = load.by_default_rule = load.needs_mesh && scene.class_names.empty();
+  constexpr int64_t kBytesOfFace = 1000;  // of the mesh and what CheckScene keeps of it
+  const int64_t max_faces = std::max<int64_t>(1'000'000, MemoryLimit_bytes() / 2 / kBytesOfFace);
   Warnings found;
-  StatusOr<CheckedScene> checked =
-      CheckScene(folder, load, std::max<int64_t>(1'000'000, MemoryLimit_bytes() / 2 / kBytesOfFace), &found, control);
+  StatusOr<CheckedScene> checked = CheckedScene{};
+  if (load.needs_mesh) {
+    checked = CheckScene(folder, load, max_faces, &found, control);
+  } else if (const Status loaded = LoadScene(folder, &found, load).status(); !loaded.ok()) {
+    checked = loaded;
+  }
   for (const std::string& warning : found) warnings->push_back(InMessages(warning, folder, out));
   if (!checked.ok()) {
     Status error(checked.status().code(), InMessages(std::string(checked.status().message()), folder, out));
@@ -131,10 +139,6 @@ StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::stri
   read.component = options.component;
   if (!options.image_folders.empty()) read.images_folder = options.image_folders.front();
   TESSERA_ASSIGN_OR_RETURN(const ImportedBlock block, ReadBlock(options.source, options.format, read, warnings));
-  if (!options.crs.empty() && !block.crs.empty() && options.crs != block.crs) {
-    warnings->push_back(absl::StrCat(options.source, ": names the reference system ", block.crs, "; --crs ",
-                                     options.crs, " replaces it"));
-  }
   const std::string& crs = options.crs.empty() ? block.crs : options.crs;
   Faults faults;
   ImportFacts facts;
@@ -198,10 +202,8 @@ StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::stri
   scene.flights = options.flights;
   scene.copy_images = options.copy_images;
   TESSERA_RETURN_IF_ERROR(WriteScene(scene, folder.path()));
-  if (facts.mesh) {
-    TESSERA_RETURN_IF_ERROR(CheckWritten(folder.path(), path, options, !scene.class_names.empty(),
-                                         placement.proof.is_proven, &facts, warnings, PartOf(control, kMeshShare, 1)));
-  }
+  TESSERA_RETURN_IF_ERROR(CheckWritten(folder.path(), path, options, scene, placement.proof.is_proven, &facts, warnings,
+                                       PartOf(control, kMeshShare, 1)));
   facts.mesh_source = &mesh;
   facts.scene = &scene;
   facts.placed = &placed;

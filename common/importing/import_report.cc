@@ -106,7 +106,8 @@ std::string ImportText(const ImportFacts& facts) {
                                       : "not proven: no tie points, and no mesh to compare images through");
   row("scene", facts.out);
   if (facts.proof->sample.observations > 0) absl::StrAppend(&text, "\n", ProofToText(*facts.proof, kWorstImages));
-  return absl::StrCat(text, "\nNext: tessera run ", facts.out, " --out ", facts.out, "-refined\n");
+  if (facts.mesh) absl::StrAppend(&text, "\nNext: tessera run ", facts.out, " --out ", facts.out, "-refined\n");
+  return text;
 }
 
 }  // namespace tessera
