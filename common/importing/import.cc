@@ -97,6 +97,13 @@ std::string InMessages(const std::string& text, const std::string& folder, const
   return absl::StrReplaceAll(text, {{folder, out}});
 }
 
+Status InMessages(const Status& status, const std::string& folder, const std::string& out) {
+  if (status.ok()) return status;
+  Status error(status.code(), InMessages(std::string(status.message()), folder, out));
+  SetFaults(error, FaultsOf(status));
+  return error;
+}
+
 // Checks the scene in `folder` as a job would; without a mesh only its files.
 Status CheckWritten(const std::string& folder, const std::string& out, const ImportOptions& options,
                     const ImportedScene& scene, bool has_tie_points, ImportFacts* facts, Warnings* warnings,
@@ -108,18 +115,17 @@ Status CheckWritten(const std::string& folder, const std::string& out, const Imp
   constexpr int64_t kBytesOfFace = 1000;  // of the mesh and what CheckScene keeps of it
   const int64_t max_faces = std::max<int64_t>(1'000'000, MemoryLimit_bytes() / 2 / kBytesOfFace);
   Warnings found;
-  StatusOr<CheckedScene> checked = CheckedScene{};
-  if (load.needs_mesh) {
-    checked = CheckScene(folder, load, max_faces, &found, control);
-  } else if (const Status loaded = LoadScene(folder, &found, load).status(); !loaded.ok()) {
-    checked = loaded;
+  const auto add_found = [&] {
+    for (const std::string& warning : found) warnings->push_back(InMessages(warning, folder, out));
+  };
+  if (!load.needs_mesh) {
+    const Status loaded = LoadScene(folder, &found, load).status();
+    add_found();
+    return InMessages(loaded, folder, out);
   }
-  for (const std::string& warning : found) warnings->push_back(InMessages(warning, folder, out));
-  if (!checked.ok()) {
-    Status error(checked.status().code(), InMessages(std::string(checked.status().message()), folder, out));
-    SetFaults(error, FaultsOf(checked.status()));
-    return error;
-  }
+  const StatusOr<CheckedScene> checked = CheckScene(folder, load, max_faces, &found, control);
+  add_found();
+  if (!checked.ok()) return InMessages(checked.status(), folder, out);
   if (has_tie_points || !checked->summary.fit) return absl::OkStatus();
   facts->patches = ProveByPatches(*checked->summary.fit);
   const Status proven = JudgePatchProof(options.source, *facts->patches, options.max_error_px, warnings);

@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "common/blocks/block_parts.h"
 #include "common/blocks/realityscan/realityscan.h"
 #include "tests/fuzz/blocks/block_promises.h"
 
