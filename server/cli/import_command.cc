@@ -82,23 +82,25 @@ void AddImportCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option_function<std::string>(
           "--heights", [&options](const std::string&) { options.heights.ellipsoid = true; },
-          "ellipsoid: heights are above the ellipsoid, whatever the reference system says")
+          "Take heights as above the ellipsoid, whatever the reference system says")
       ->check(CLI::IsMember({"ellipsoid"}));
-  CLI::Option* geoid = command->add_option("--geoid-height", arguments->geoid_height_m,
-                                           "Height of the geoid above the ellipsoid, for heights that PROJ has no "
-                                           "grid for")
+  CLI::Option* geoid = command
+                           ->add_option("--geoid-height", arguments->geoid_height_m,
+                                        "Height of the geoid above the ellipsoid, for heights that PROJ has no "
+                                        "grid for")
                            ->type_name("M");
   command
       ->add_option("--frame", arguments->frame,
-                   "grid: keep the coordinates of a map projection; true: convert to a local east-north-up frame; "
-                   "auto: the one that the tie points fit better")
+                   "Frame of the scene: grid keeps the coordinates of a map projection, true converts to a local "
+                   "east-north-up frame, auto takes the one that the tie points fit better")
       ->check(CLI::IsMember({"auto", "grid", "true"}))
       ->capture_default_str();
-  command->add_option("--labels", options.labels,
-                      "Classes of the mesh's faces: none, material, or property:NAME of a PLY")
+  command
+      ->add_option("--labels", options.labels, "Classes of the mesh's faces: none, material, or property:NAME of a PLY")
       ->capture_default_str();
-  command->add_option("--classes", options.class_file,
-                      "JSON object from names of materials or numbers of labels to names of classes")
+  command
+      ->add_option("--classes", options.class_file,
+                   "JSON object from names of materials or numbers of labels to names of classes")
       ->type_name("FILE");
   command->add_option("--component", options.component, "Component of SOURCE (default: the one with most images)")
       ->check(CLI::NonNegativeNumber);

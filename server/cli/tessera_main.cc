@@ -12,7 +12,6 @@ namespace {
 constexpr char kFirstSteps[] =
     "Tessera refines semantic 3D city meshes from aerial images. The commands to begin with:\n"
     "  tessera synth city                          Make a procedural city with exact truth\n"
-    "  tessera import block.xml --out city         Make a scene of a block of another program\n"
     "  tessera check city                          Check that a scene is ready for a job\n"
     "  tessera plan city                           Predict tiles, memory, time and price of a job\n"
     "  tessera run city --out out                  Refine a scene on this machine\n"

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -95,9 +96,11 @@ TEST_F(ImportTest, BlockAndTilesBecomeTheScene) {
                          made = LoadScene(ToyCity(), &warnings).value();
   EXPECT_EQ(imported.frame.crs().kind, Crs::Kind::kUtm);
   ASSERT_EQ(imported.views.size(), made.views.size());
-  for (size_t v = 0; v < made.views.size(); ++v) {
-    const SceneView &got = imported.views[v], &expected = made.views[v];
-    EXPECT_EQ(got.name, expected.name);
+  for (const SceneView& expected : made.views) {
+    const auto found = std::find_if(imported.views.begin(), imported.views.end(),
+                                    [&](const SceneView& view) { return view.name == expected.name; });
+    ASSERT_NE(found, imported.views.end()) << expected.name;
+    const SceneView& got = *found;
     EXPECT_EQ(imported.flights[got.flight].name, "may");
     const Eigen::Vector3d centre = imported.frame.SceneFromLocal(got.camera.Centre()) - kShift;
     EXPECT_LT((centre - made.frame.SceneFromLocal(expected.camera.Centre())).norm(), 1e-6) << got.name;
@@ -143,7 +146,7 @@ TEST_F(ImportTest, MissingImagesAreListedWithTheOptionThatFindsThem) {
   const Outcome outcome = Tessera(folder_.path(), {"import", folder_.path() + "/project/block.xml", "--out", scene_});
   EXPECT_EQ(outcome.exit_code, 3);
   EXPECT_THAT(outcome.output,
-              AllOf(HasSubstr("D:\\flights\\may\\"), HasSubstr("more"),
+              AllOf(HasSubstr("D:\\flights\\may\\"),
                     HasSubstr(absl::StrCat("--image-path 'D:/flights'='", folder_.path(), "/photos'"))));
   EXPECT_FALSE(fs::exists(scene_));
 }
