@@ -104,8 +104,9 @@ std::string PathHere(const std::string& path, const ImageSearch& search) {
   for (const PathReplacement& replacement : search.replacements) {
     std::string from = PlainPath(replacement.from);
     while (absl::EndsWith(from, "/") && from.size() > 1) from.pop_back();
+    if (from.size() <= longest || !absl::StartsWithIgnoreCase(plain, from)) continue;
     const bool whole_names = plain.size() == from.size() || plain[from.size()] == '/' || from.back() == '/';
-    if (from.size() <= longest || !absl::StartsWithIgnoreCase(plain, from) || !whole_names) continue;
+    if (!whole_names) continue;
     longest = from.size();
     here = absl::StrCat(replacement.to, "/", plain.substr(from.size()));
   }

@@ -43,32 +43,41 @@ struct Placement {
   Warnings warnings;
 };
 
-StatusOr<Placement> Place(const ImportedBlock& block, FrameChoice choice, const ImportOptions& options) {
+// `alternatives`: as in ProofOptions.
+StatusOr<Placement> Place(const ImportedBlock& block, FrameChoice choice, const ImportOptions& options,
+                          bool alternatives) {
   Warnings warnings;
   TESSERA_ASSIGN_OR_RETURN(PlacedBlock placed, PlaceBlock(block, choice, {options.crs, options.heights}, &warnings));
   ProofOptions proof_options;
   proof_options.max_error_px = options.max_error_px;
+  proof_options.alternatives = alternatives;
   Proof proof = MeasureProof(&placed.block, proof_options);
   return Placement{std::move(placed), std::move(proof), std::move(warnings)};
 }
 
 // Whether the tie points fit `other` better by a tenth.
-bool IsBetterFrame(const Proof& other, const Proof& usual) {
-  return other.is_proven && other.sample.median_px < 0.9 * usual.sample.median_px;
+bool IsBetterFrame(const Proof& other, const Proof& taken) {
+  return other.is_proven && other.sample.median_px < 0.9 * taken.sample.median_px;
 }
 
-// The block in scene coordinates. Without a chosen frame both are tried, if they differ.
+// The block in scene coordinates. Measures both frames, if they differ, and takes the chosen one, or without a choice
+// the better one. Warns if the other one fits better.
 StatusOr<Placement> ChooseFrame(const ImportedBlock& block, const ImportOptions& options, ImportFacts* facts) {
-  if (options.frame) return Place(block, *options.frame, options);
-  const FrameChoice usual = block.adjusted_in_grid ? FrameChoice::kGrid : FrameChoice::kTrue;
-  TESSERA_ASSIGN_OR_RETURN(Placement placement, Place(block, usual, options));
-  StatusOr<Placement> other =
-      Place(block, usual == FrameChoice::kGrid ? FrameChoice::kTrue : FrameChoice::kGrid, options);
+  const FrameChoice usual = options.frame.value_or(block.adjusted_in_grid ? FrameChoice::kGrid : FrameChoice::kTrue);
+  const FrameChoice second = usual == FrameChoice::kGrid ? FrameChoice::kTrue : FrameChoice::kGrid;
+  TESSERA_ASSIGN_OR_RETURN(Placement placement, Place(block, usual, options, /*alternatives=*/true));
+  const StatusOr<Placement> other = Place(block, second, options, /*alternatives=*/false);
   // A reference system may allow one of them only.
   if (!other.ok() || other->placed.true_frame == placement.placed.true_frame) return placement;
   const bool better = IsBetterFrame(other->proof, placement.proof);
-  facts->other_frame = (better ? placement : *other).proof.sample;
-  if (better) return other;
+  facts->other_frame = (better && !options.frame ? placement : *other).proof.sample;
+  if (better && !options.frame) return Place(block, second, options, /*alternatives=*/true);
+  if (better) {
+    placement.warnings.push_back(
+        absl::StrCat(options.source, ": the tie points fit --frame ", second == FrameChoice::kGrid ? "grid" : "true",
+                     " better: ", ResidualText(other->proof.sample.median_px), ", and ",
+                     ResidualText(placement.proof.sample.median_px), " in the frame that was chosen"));
+  }
   return placement;
 }
 

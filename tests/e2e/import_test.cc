@@ -13,6 +13,7 @@
 #include "common/meshio/ply.h"
 #include "common/scene/scene.h"
 #include "tests/e2e/programs.h"
+#include "tests/support/blocks/named_block_errors.h"
 #include "tests/support/blocks/write_blocks_exchange.h"
 
 namespace tessera::e2e {
@@ -173,11 +174,20 @@ TEST_F(ImportTest, MeshWithAnotherOffsetIsRefused) {
   }
 }
 
-TEST_F(ImportTest, GridAdjustedAsIfCartesianIsRecognised) {
-  WriteBlock(Block());  // its coordinates are Cartesian, and it says UTM
+// A block whose coordinates are Cartesian, and that says UTM.
+TEST_F(ImportTest, FrameIsTheOneThatTheTiePointsFit) {
+  ImportedBlock block = Block();
+  ObserveAgain(&block);  // without noise, which would hide the difference in so small images
+  WriteBlock(block);
   const Outcome outcome = Import({"--images", ToyCity() + "/images"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_THAT(outcome.output, AllOf(HasSubstr("in the other frame"), HasSubstr("the scene has no mesh")));
+  EXPECT_EQ(nlohmann::json::parse(Content(scene_ + "/scene.json"))["crs"]["type"], "utm");
+  fs::remove_all(scene_);
+  const Outcome chosen = Import({"--images", ToyCity() + "/images", "--frame", "true"});
+  ASSERT_EQ(chosen.exit_code, 0) << chosen.output;
+  EXPECT_THAT(chosen.output, HasSubstr("the tie points fit --frame grid better"));
+  EXPECT_EQ(nlohmann::json::parse(Content(scene_ + "/scene.json"))["crs"]["type"], "enu");
 }
 
 }  // namespace

@@ -96,7 +96,9 @@ TEST_F(FindImagesTest, LabelsWithoutAnExtensionAreFoundAndGetThatOfTheirFile) {
 TEST_F(FindImagesTest, ReplacementsComeFirstAndReplaceWholeNames) {
   Make("project/IMG_1.jpg");
   const std::string other = Make("other/IMG_1.jpg");
-  search_.replacements = {{"D:\\fl", root_ + "/wrong"}, {"D:\\flights", root_ + "/other"}};
+  search_.replacements = {{"D:\\flights\\of\\the\\year\\before", "/longer/than/the/path"},
+                          {"D:\\fl", root_ + "/wrong"},
+                          {"D:\\flights", root_ + "/other"}};
   Find({"d:\\flights\\IMG_1.jpg"});
   EXPECT_EQ(found_[0].file, other);
 }
