@@ -115,7 +115,7 @@ void AddImportCommand(CLI::App& app, int* exit_code) {
   command->add_flag("--quiet", arguments->quiet, "Print neither progress nor the summary table");
   command->footer(
       "SOURCE and what to export there:\n"
-      "  iTwin Capture, ContextCapture   block.xml or .xmz (Export > Block, BlocksExchange)\n"
+      "  iTwin Capture, ContextCapture   block.xml or zipped .xmz, in the format BlocksExchange\n"
       "  Metashape, PhotoScan            cameras.xml (Export Cameras), or the .psz project\n"
       "  RealityScan                     folder of .xmp files, or the CSV of camera parameters\n"
       "  Pix4D                           folder 1_initial/params of the project\n"
