@@ -37,6 +37,9 @@ struct MeshReadOptions {
   // The property of faces or vertices that holds the labels. Empty: labels are not read. None: it is found by its name
   // (ply_labels.h).
   std::optional<std::string> label_property = {};
+  // For messages: who names it, and how the user says that there are no labels.
+  const char* label_option = "scene.json names in \"label_property\"";
+  const char* without_labels = "set \"label_property\": null in scene.json";
   // Receives each conversion of unusual content, with `file_in_warnings`, the count and the first place. May be null.
   Warnings* warnings = nullptr;
   std::string file_in_warnings = {};
