@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/blocks/block_format.h"
+#include "common/geometry/nearest_surface.h"
 #include "common/meshio/ply.h"
 #include "common/scene/scene.h"
 #include "tests/e2e/programs.h"
@@ -70,6 +71,14 @@ class ImportTest : public testing::Test {
                                                 origin.x(), origin.y(), origin.z()))
                     .ok());
   }
+  // The file of --classes.
+  std::string WriteClasses() const {
+    const std::string classes = folder_.path() + "/classes.json";
+    EXPECT_TRUE(
+        WriteFileAtomic(classes, R"({"Ground": "ground", "Wall": "facade", "Tiles": "roof", "Trees": "vegetation"})")
+            .ok());
+    return classes;
+  }
   Outcome Import(const std::vector<std::string>& more) const {
     std::vector<std::string> arguments = {"import", block_, "--out", scene_};
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -83,12 +92,8 @@ class ImportTest : public testing::Test {
 TEST_F(ImportTest, BlockAndTilesBecomeTheScene) {
   WriteBlock(Block());
   WriteMesh(kShift);
-  const std::string classes = folder_.path() + "/classes.json";
-  ASSERT_TRUE(
-      WriteFileAtomic(classes, R"({"Ground": "ground", "Wall": "facade", "Tiles": "roof", "Trees": "vegetation"})")
-          .ok());
   const Outcome outcome = Import({"--images", ToyCity() + "/images", "--mesh", mesh_, "--frame", "grid", "--labels",
-                                  "material", "--classes", classes, "--flight", "may=*"});
+                                  "material", "--classes", WriteClasses(), "--flight", "may=*"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_THAT(outcome.output, AllOf(HasSubstr("proven on the tie points"), HasSubstr("tessera run")));
 
@@ -125,6 +130,42 @@ TEST_F(ImportTest, BlockAndTilesBecomeTheScene) {
   EXPECT_TRUE(fs::is_symlink(fs::path(scene_) / "images" / made.views[0].name));
   EXPECT_EQ(Tessera(folder_.path(), {"check", scene_}).exit_code, 0);
   EXPECT_EQ(Import({"--images", ToyCity() + "/images"}).exit_code, 2) << "the scene exists";
+}
+
+// Largest and mean distance of the vertices of `mesh`, which is moved by `shift`, from the surface of `other`.
+std::pair<double, double> DistancesFrom(const TriangleMesh& other, const TriangleMesh& mesh,
+                                        const Eigen::Vector3d& shift) {
+  const NearestSurface surface(other);
+  double largest = 0, sum = 0;
+  for (const Eigen::Vector3d& vertex : mesh.vertices) {
+    const double distance = surface.Find(vertex + shift).distance_m;
+    largest = std::max(largest, distance);
+    sum += distance;
+  }
+  return {largest, sum / static_cast<double>(mesh.vertices.size())};
+}
+
+// The result differs from that of the scene itself by rounding: the place on Earth, and with it the local frame, is
+// another one.
+TEST_F(ImportTest, ResultOfAnImportedSceneIsThatOfTheScene) {
+  WriteBlock(Block());
+  WriteMesh(kShift);
+  ASSERT_EQ(Import({"--image-path", "D:\\flights=" + folder_.path(), "--images", ToyCity() + "/images", "--mesh", mesh_,
+                    "--frame", "grid", "--labels", "material", "--classes", WriteClasses()})
+                .exit_code,
+            0);
+  fs::copy(ToyCity() + "/likelihoods", scene_ + "/likelihoods");
+  const std::string out = folder_.path() + "/out";
+  const Outcome run = Tessera(folder_.path(), {"run", scene_, "--tiles", "4", "--out", out});
+  ASSERT_EQ(run.exit_code, 0) << run.output;
+  const TriangleMesh imported = ReadPly(out + "/mesh.ply").value().mesh, made = ReadPly(UndisturbedMesh()).value().mesh,
+                     start = ReadPly(ToyCity() + "/mesh.ply").value().mesh;
+  const auto [moved, mean_move] = DistancesFrom(start, made, Eigen::Vector3d::Zero());
+  for (const auto& [largest, mean] : {DistancesFrom(made, imported, -kShift), DistancesFrom(imported, made, kShift)}) {
+    std::cerr << "DIST " << largest << " " << mean << " of move " << moved << " " << mean_move << "\n";
+    EXPECT_LT(mean, 0.01 * mean_move);
+    EXPECT_LT(largest, 0.2 * moved);
+  }
 }
 
 TEST_F(ImportTest, ImagesMayBeCopied) {

@@ -239,7 +239,7 @@ TEST(FramesTest, TiePointsWithoutPositionStayWithoutOne) {
   EXPECT_LT((placed->block.points[3].position - InScene(placed->map, block.points[3].position)).norm(), 1e-9);
   const Proof proof = MeasureProof(&placed->block, {});
   EXPECT_EQ(proof.triangulated, 1);
-  EXPECT_LT((placed->block.points[2].position - InScene(placed->map, position)).norm(), 0.1);
+  EXPECT_LT((placed->block.points[2].position - InScene(placed->map, position)).norm(), 0.5);
 }
 
 TEST(FramesTest, MeshesOfAnotherSystemAndOffset) {

@@ -189,7 +189,6 @@ TEST_F(ImportSceneTest, AllOptionsForImagesCountWhereReadersNeedSizes) {
 
 TEST_F(ImportSceneTest, PropertyThatAMeshLacksIsNamedWithTheOption) {
   WriteText(folder_ + "/scene.mvs", WriteOpenMvs(block_));
-  WriteText(folder_ + "/mesh.ply", absl::StrReplaceAll(AsciiPly(tiny_.mesh, "double"), {{"label", "species"}}));
   options_.labels = "property:genus";
   EXPECT_THAT(Refusal("scene.mvs"),
               AllOf(HasSubstr("no property 'genus', which --labels names"), Not(HasSubstr("label_property"))));
