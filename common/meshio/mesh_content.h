@@ -37,15 +37,15 @@ struct MeshReadOptions {
   // The property of faces or vertices that holds the labels. Empty: labels are not read. None: it is found by its name
   // (ply_labels.h).
   std::optional<std::string> label_property = {};
-  // For messages: who names it, and how the user says that there are no labels.
-  const char* label_option = "scene.json names in \"label_property\"";
-  const char* without_labels = "set \"label_property\": null in scene.json";
   // Receives each conversion of unusual content, with `file_in_warnings`, the count and the first place. May be null.
   Warnings* warnings = nullptr;
   std::string file_in_warnings = {};
   // If given, labels are the materials of the faces: indices into these names, -1 without material. `label_property` is
   // then ignored. INVALID_ARGUMENT for formats without materials.
   MaterialNames* materials = nullptr;
+  // For messages: who names label_property, and how the user says that there are no labels.
+  const char* label_option = "scene.json names in \"label_property\"";
+  const char* without_labels = "set \"label_property\": null in scene.json";
 
   void Warn(const std::string& text) const;
 };
