@@ -31,12 +31,13 @@ struct BlockImage {
 };
 
 struct BlockObservation {
-  int image = -1;  // index into ImportedBlock::images
+  int image = -1;                                         // index into ImportedBlock::images
   Eigen::Vector2d position_px = Eigen::Vector2d::Zero();  // in the distorted photograph
 };
 
 struct BlockTiePoint {
-  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // coordinates of the block, without offset
+  // Coordinates of the block, without offset. Zero: the source has none; the proof triangulates the point.
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
   std::vector<BlockObservation> observations;
 };
 
@@ -56,6 +57,8 @@ struct ImportedBlock {
 
   std::vector<BlockCamera> cameras;
   std::vector<BlockImage> images;
+  // Paths of images that were left out, each with a fault: their file alone states their size, and was not found.
+  std::vector<std::string> missing_images;
   std::vector<BlockTiePoint> points;
   std::vector<BlockTiePoint> control_points;  // surveyed; they are proof too, but no tie points of the scene
 
@@ -71,9 +74,9 @@ struct ImportedBlock {
   // The program adjusted in a map projection as if it were Cartesian (Pix4D).
   bool adjusted_in_grid = false;
 
-  std::vector<BlockReading> readings;      // tried by the proof; may be empty
-  std::vector<std::string> conventions;    // what the reader applied, a sentence each; go to import.json
-  std::vector<std::string> left_out;       // what the reader did not read, with the reason and the number
+  std::vector<BlockReading> readings;    // tried by the proof; may be empty
+  std::vector<std::string> conventions;  // what the reader applied, a sentence each; go to import.json
+  std::vector<std::string> left_out;     // what the reader did not read, with the reason and the number
 };
 
 }  // namespace tessera

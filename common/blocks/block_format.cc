@@ -32,20 +32,30 @@ std::span<const BlockFormat> BlockFormats() { return kBlockFormats; }
 
 StatusOr<ImportedBlock> ReadBlock(const std::string& path, const std::optional<std::string>& format,
                                   const BlockReadOptions& options, Warnings* warnings) {
+  Faults faults;
+  ImportedBlock block = ReadBlock(path, format, options, &faults, warnings);
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return block;
+}
+
+ImportedBlock ReadBlock(const std::string& path, const std::optional<std::string>& format,
+                        const BlockReadOptions& options, Faults* faults, Warnings* warnings) {
   std::string names;
   for (const BlockFormat& row : kBlockFormats) {
     names += absl::StrCat(names.empty() ? "" : ", ", std::string(row.name));
     if (format.has_value() ? *format != row.name : !row.matches(path)) continue;
-    Faults faults;
-    ImportedBlock block = row.read(path, options, &faults, warnings);
-    TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+    ImportedBlock block = row.read(path, options, faults, warnings);
     block.format = row.name;
     return block;
   }
-  if (format.has_value()) return InputError("--format", "", absl::StrCat("'", *format, "'"), names);
-  if (const std::optional<ForeignBlock> foreign = FindForeignBlock(path))
-    return InputError(path, "", foreign->name, foreign->remedy);
-  return InputError(path, "", "no block of a known format", absl::StrCat("one of ", names));
+  if (format.has_value()) {
+    faults->Add(InputError("--format", "", absl::StrCat("'", *format, "'"), names));
+  } else if (const std::optional<ForeignBlock> foreign = FindForeignBlock(path)) {
+    faults->Add(InputError(path, "", foreign->name, foreign->remedy));
+  } else {
+    faults->Add(InputError(path, "", "no block of a known format", absl::StrCat("one of ", names)));
+  }
+  return {};
 }
 
 }  // namespace tessera

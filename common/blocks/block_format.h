@@ -9,12 +9,13 @@
 
 #include "common/base/status.h"
 #include "common/blocks/block.h"
+#include "common/blocks/photograph_files.h"
 
 namespace tessera {
 
 struct BlockReadOptions {
-  int component = -1;  // the component to read; -1: the one with most images
-  std::string images_folder = {};  // where images lie, for formats that do not hold their sizes; may be empty
+  int component = -1;                 // the component to read; -1: the one with most images
+  PhotographSearch photographs = {};  // for formats that do not hold the sizes of images
 };
 
 struct BlockFormat {
@@ -32,5 +33,8 @@ std::span<const BlockFormat> BlockFormats();
 // INVALID_ARGUMENT with all faults; for a file of a known format that is not read, with what to export instead.
 StatusOr<ImportedBlock> ReadBlock(const std::string& path, const std::optional<std::string>& format,
                                   const BlockReadOptions& options, Warnings* warnings);
+// The same, but adds the faults to `faults`; the block is then incomplete.
+ImportedBlock ReadBlock(const std::string& path, const std::optional<std::string>& format,
+                        const BlockReadOptions& options, Faults* faults, Warnings* warnings);
 
 }  // namespace tessera

@@ -104,6 +104,13 @@ LensModel MakeBrownLens(const PinholeCamera& pinhole, const std::array<double, 4
   return lens;
 }
 
+Status ImageSizeFault(const std::string& file, const std::string& location, const std::string& path,
+                      const Status& error, ImportedBlock* block) {
+  if (absl::IsNotFound(error)) block->missing_images.push_back(path);
+  return InputError(file, location, std::string(error.message()),
+                    "one image file, because the format states no image size: say where by --images or --image-path");
+}
+
 int SharedCameras::IndexOf(const LensModel& lens, const std::string& name) {
   std::array<double, 15> key;
   const PinholeCamera& p = lens.pinhole;

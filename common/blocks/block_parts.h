@@ -49,6 +49,11 @@ void ChooseComponent(int wanted, const std::string& path, ImportedBlock* block, 
 LensModel MakeBrownLens(const PinholeCamera& pinhole, const std::array<double, 4>& radial, double p1, double p2,
                         double skew_px = 0);
 
+// The fault of the image at `path` in the block, whose format states no size: `error` of PhotographSize. `location`: of
+// the image in `file`. Without a file the path becomes one of block->missing_images.
+Status ImageSizeFault(const std::string& file, const std::string& location, const std::string& path,
+                      const Status& error, ImportedBlock* block);
+
 // Cameras of a block; images with equal lenses share one.
 class SharedCameras {
  public:

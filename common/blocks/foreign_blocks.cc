@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "common/meshio/foreign_content.h"
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -30,25 +31,12 @@ struct ForeignSignature {
   const char* remedy;
 };
 
+// Those that common/meshio does not know, or knows as meshes.
 constexpr ForeignSignature kForeignSignatures[] = {
     {"# Bundle file", "a Bundler file", kForeignBundler},
-    {"\xa1\x0e\x91\x6c\x45\x45\xfb\x1a", "an OpenSceneGraph mesh (OSGB)", kForeignCapture},
-    {"\x1a\xfb\x45\x45\x6c\x91\x0e\xa1", "an OpenSceneGraph mesh (OSGB)", kForeignCapture},
-    {"3MXBO", "a 3MX mesh (3mxb)", kForeignCapture},
-    {"b3dm", "a tile of 3D Tiles (b3dm)", kForeignMesh},
-    {"i3dm", "a tile of 3D Tiles (i3dm)", kForeignMesh},
-    {"cmpt", "a tile of 3D Tiles (cmpt)", kForeignMesh},
     {"glTF", "a mesh (GLB)", kForeignMesh},
     {"ply\n", "a mesh or point cloud (PLY)", kForeignMesh},
     {"ply\r", "a mesh or point cloud (PLY)", kForeignMesh},
-    {"Kaydara FBX Binary", "an FBX mesh", kForeignMesh},
-    {"; FBX ", "an FBX mesh", kForeignMesh},
-    {"DRACO", "a mesh that is compressed with Draco", kForeignMesh},
-    {"LASF", "a point cloud (LAS or LAZ)", kForeignPoints},
-    {"ASTM-E57", "a point cloud (E57)", kForeignPoints},
-    {"PK\x03\x04", "a ZIP archive", kForeignUnpack},
-    {"\x1f\x8b", "a gzip file", kForeignUnpack},
-    {"7z\xbc\xaf\x27\x1c", "a 7z archive", kForeignUnpack},
 };
 
 // XML by its root, JSON by its keys: all of `holds` are in the head. `xml`: else JSON.
@@ -60,7 +48,6 @@ struct ForeignText {
 };
 
 const ForeignText kForeignTexts[] = {
-    {true, {"<COLLADA"}, "a COLLADA mesh (DAE)", kForeignMesh},
     {true, {"<OrientationConique>"}, "an orientation of MicMac", kForeignMicMac},
     {true, {"<ExportAPERO>"}, "a file of MicMac", kForeignMicMac},
     {true, {"<ModelMetadata"}, "the metadata of a mesh (metadata.xml)", kForeignCapture},
@@ -103,6 +90,26 @@ constexpr ForeignExtension kForeignExtensions[] = {
     {".stl", "a mesh (STL)", kForeignMesh},
 };
 
+std::optional<ForeignBlock> RecogniseForeignFile(std::string_view head) {
+  const std::optional<ForeignContent> content = RecogniseForeignContent(head, static_cast<int64_t>(head.size()));
+  if (!content) return std::nullopt;
+  switch (content->kind) {
+    case ForeignKind::kMesh:
+      return ForeignBlock{content->name, kForeignMesh};
+    case ForeignKind::kCaptureMesh:
+      return ForeignBlock{content->name, kForeignCapture};
+    case ForeignKind::kPoints:
+      return ForeignBlock{content->name, kForeignPoints};
+    case ForeignKind::kPacked:
+      return ForeignBlock{content->name, kForeignUnpack};
+    case ForeignKind::kXml:  // the file's name may say more
+      return std::nullopt;
+    case ForeignKind::kOther:
+      break;
+  }
+  return ForeignBlock{content->name, absl::StrCat("a file of a block: ", content->remedy)};
+}
+
 }  // namespace
 
 std::optional<ForeignBlock> RecogniseForeignBlock(std::string_view name, std::string_view head) {
@@ -118,6 +125,7 @@ std::optional<ForeignBlock> RecogniseForeignBlock(std::string_view name, std::st
     const auto in_head = [&](std::string_view part) { return head.find(part) != std::string_view::npos; };
     if (std::all_of(known.holds.begin(), known.holds.end(), in_head)) return ForeignBlock{known.name, known.remedy};
   }
+  if (std::optional<ForeignBlock> file = RecogniseForeignFile(head)) return file;
   std::string extension = std::filesystem::path(name).extension().string();
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   for (const ForeignExtension& known : kForeignExtensions) {

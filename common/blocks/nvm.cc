@@ -12,17 +12,16 @@
 //   COLMAP: x, y from the image's upper left corner; distorted = (1 - r d^2) undistorted, d the undistorted distance.
 //   OpenSfM: r is 0, images are undistorted; distances from the middle are scaled by width and height instead of the
 //     larger of both, and added to the middle, from the corner.
-#include "common/blocks/block_parts.h"
 #include "common/blocks/nvm.h"
 
 #include <Eigen/Geometry>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <map>
 
 #include "absl/strings/str_cat.h"
+#include "common/blocks/block_parts.h"
 #include "common/colmap/colmap_lines.h"
 #include "common/meshio/text_words.h"
 #include "common/storage/files.h"
@@ -345,8 +344,7 @@ ImportedBlock ParseNvm(const std::string& text, const std::string& name, const P
   for (NvmImage& entry : model.images) {
     const StatusOr<ImageSize> size = size_of(entry.image.path);
     if (!size.ok()) {
-      faults->Add(InputError(name, entry.image.location, std::string(size.status().message()),
-                             "the photograph, because NVM states no image size; name its folder with --images"));
+      faults->Add(ImageSizeFault(name, entry.image.location, entry.image.path, size.status(), &block));
       continue;
     }
     const std::optional<NvmFixedLens>& fixed = parser.fixed_lens();
@@ -390,7 +388,7 @@ ImportedBlock ReadNvm(const std::string& path, const BlockReadOptions& options, 
     faults->Add(text.status());
     return block;
   }
-  PhotographFiles files(std::filesystem::path(AbsolutePath(path)).parent_path().string(), options.images_folder);
+  PhotographFiles files(path, options.photographs);
   block = ParseNvm(
       *text, path, [&files](const std::string& image) { return files.SizeOf(image); }, options, faults);
   block.files = {AbsolutePath(path)};

@@ -20,7 +20,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/printable.h"
-#include "common/imaging/image_header.h"
+#include "common/blocks/block_parts.h"
 #include "common/storage/files.h"
 #include "common/storage/mapped_file.h"
 
@@ -257,9 +257,8 @@ LensModel MvsLens(const MvsCamera& camera, const ImageSize& size) {
 }
 
 // Adds the images of `scene` with their cameras to `block`.
-void AddMvsImages(const MvsScene& scene, const std::string& file,
-                  const std::function<StatusOr<ImageSize>(const std::string&)>& image_size, ImportedBlock* block,
-                  Faults* faults) {
+void AddMvsImages(const MvsScene& scene, const std::string& file, const PhotographSize& image_size,
+                  ImportedBlock* block, Faults* faults) {
   const auto fault = [&](const Status& status) {
     if (faults->messages().size() < kMvsMaxFaults) faults->Add(status);
   };
@@ -297,8 +296,7 @@ void AddMvsImages(const MvsScene& scene, const std::string& file,
     if (camera.width == 0) {
       const StatusOr<ImageSize> found = image_size(from.name);
       if (!found.ok()) {
-        fault(InputError(file, location, absl::StrCat("no image size, and ", std::string(found.status().message())),
-                         "the image beside the file or in the folder given with --images"));
+        fault(ImageSizeFault(file, location, from.name, found.status(), block));
         continue;
       }
       size = *found;
@@ -341,8 +339,7 @@ bool IsOpenMvs(const std::string& path) {
   return head.ok() && (*head == "MVSI" || *head == std::string("MVS\0", 4));
 }
 
-ImportedBlock ParseOpenMvs(std::string_view bytes, const std::string& file,
-                           const std::function<StatusOr<ImageSize>(const std::string& name)>& image_size,
+ImportedBlock ParseOpenMvs(std::string_view bytes, const std::string& file, const PhotographSize& image_size,
                            Faults* faults) {
   ImportedBlock block;
   block.files = {file};
@@ -396,23 +393,10 @@ ImportedBlock ReadOpenMvs(const std::string& path, const BlockReadOptions& optio
     faults->Add(content.status());
     return {};
   }
-  const auto image_size = [&](std::string name) -> StatusOr<ImageSize> {
-    std::replace(name.begin(), name.end(), '\\', '/');
-    const std::filesystem::path image(name), beside = std::filesystem::path(file).parent_path();
-    std::vector<std::filesystem::path> candidates = {beside / image};
-    if (!options.images_folder.empty()) {
-      const std::filesystem::path folder(options.images_folder);
-      candidates.insert(candidates.begin(), {folder / image, folder / image.filename()});
-    }
-    for (const std::filesystem::path& candidate : candidates) {
-      if (FileExists(candidate.string())) {
-        TESSERA_ASSIGN_OR_RETURN(const ImageHeader header, ReadImageHeader(candidate.string()));
-        return header.size;
-      }
-    }
-    return absl::NotFoundError("no file of this name");
-  };
-  return ParseOpenMvs({content->data(), content->size_bytes()}, file, image_size, faults);
+  PhotographFiles files(file, options.photographs);
+  return ParseOpenMvs(
+      {content->data(), content->size_bytes()}, file, [&files](const std::string& name) { return files.SizeOf(name); },
+      faults);
 }
 
 }  // namespace tessera

@@ -104,6 +104,9 @@ struct ReferenceSystem::Impl {
   double HeightAt(const Eigen::Vector3d& lon_lat_z) const;
   Eigen::Vector3d ToGeodetic(const Eigen::Vector3d& p) const;
   Eigen::Vector3d FromGeodetic(const Eigen::Vector3d& geodetic) const;
+  // Replaces each point by `convert(frame of kEnu, point)`. `name_point`: of one that cannot be converted.
+  template <class Convert, class NamePoint>
+  Status ConvertEach(std::span<Eigen::Vector3d> points, const Convert& convert, const NamePoint& name_point) const;
 };
 
 Status ReferenceSystem::Impl::ReadProj() {
@@ -415,49 +418,45 @@ std::optional<Crs> ReferenceSystem::GridCrs() const {
   return crs;
 }
 
-Status ReferenceSystem::ToGeodetic(std::span<Eigen::Vector3d> points) const {
-  if (impl_->kind == Kind::kLocal) {
-    return absl::FailedPreconditionError("crs: local coordinates have no place on Earth");
-  }
-  const std::lock_guard<std::mutex> lock(impl_->mutex);
-  const GeographicLib::LocalCartesian enu(impl_->enu.lat_rad * kDegreesPerRad, impl_->enu.lon_rad * kDegreesPerRad,
-                                          impl_->enu.height_m);
+template <class Convert, class NamePoint>
+Status ReferenceSystem::Impl::ConvertEach(std::span<Eigen::Vector3d> points, const Convert& convert,
+                                          const NamePoint& name_point) const {
+  if (kind == Kind::kLocal) return absl::FailedPreconditionError("crs: local coordinates have no place on Earth");
+  const std::lock_guard<std::mutex> lock(mutex);
+  const GeographicLib::LocalCartesian frame(enu.lat_rad * kDegreesPerRad, enu.lon_rad * kDegreesPerRad, enu.height_m);
   for (Eigen::Vector3d& p : points) {
     const Eigen::Vector3d from = p;
-    if (impl_->kind == Kind::kEnu) {
-      enu.Reverse(from.x(), from.y(), from.z(), p.x(), p.y(), p.z());
-      p.head<2>() /= kDegreesPerRad;
-    } else {
-      p = impl_->ToGeodetic(from);
-    }
-    if (p.allFinite()) continue;
-    return absl::InvalidArgumentError(absl::StrCat("crs: found coordinates (", from.x(), ", ", from.y(), ", ", from.z(),
-                                                   "), which PROJ cannot convert, expected coordinates in ",
-                                                   impl_->name));
+    p = convert(frame, from);
+    if (!p.allFinite()) return absl::InvalidArgumentError(absl::StrCat("crs: found ", name_point(from)));
   }
   return absl::OkStatus();
 }
 
+Status ReferenceSystem::ToGeodetic(std::span<Eigen::Vector3d> points) const {
+  const auto convert = [&](const GeographicLib::LocalCartesian& frame, const Eigen::Vector3d& from) {
+    if (impl_->kind != Kind::kEnu) return impl_->ToGeodetic(from);
+    Eigen::Vector3d p;
+    frame.Reverse(from.x(), from.y(), from.z(), p.x(), p.y(), p.z());
+    p.head<2>() /= kDegreesPerRad;
+    return p;
+  };
+  return impl_->ConvertEach(points, convert, [&](const Eigen::Vector3d& from) {
+    return absl::StrCat("coordinates (", from.x(), ", ", from.y(), ", ", from.z(),
+                        "), which PROJ cannot convert, expected coordinates in ", impl_->name);
+  });
+}
+
 Status ReferenceSystem::FromGeodetic(std::span<Eigen::Vector3d> points) const {
-  if (impl_->kind == Kind::kLocal) {
-    return absl::FailedPreconditionError("crs: local coordinates have no place on Earth");
-  }
-  const std::lock_guard<std::mutex> lock(impl_->mutex);
-  const GeographicLib::LocalCartesian enu(impl_->enu.lat_rad * kDegreesPerRad, impl_->enu.lon_rad * kDegreesPerRad,
-                                          impl_->enu.height_m);
-  for (Eigen::Vector3d& p : points) {
-    const Eigen::Vector3d from = p;
-    if (impl_->kind == Kind::kEnu) {
-      enu.Forward(from.x() * kDegreesPerRad, from.y() * kDegreesPerRad, from.z(), p.x(), p.y(), p.z());
-    } else {
-      p = impl_->FromGeodetic(from);
-    }
-    if (p.allFinite()) continue;
-    return absl::InvalidArgumentError(absl::StrCat("crs: found latitude ", from.x() * kDegreesPerRad, ", longitude ",
-                                                   from.y() * kDegreesPerRad, ", which has no coordinates in ",
-                                                   impl_->name));
-  }
-  return absl::OkStatus();
+  const auto convert = [&](const GeographicLib::LocalCartesian& frame, const Eigen::Vector3d& from) {
+    if (impl_->kind != Kind::kEnu) return impl_->FromGeodetic(from);
+    Eigen::Vector3d p;
+    frame.Forward(from.x() * kDegreesPerRad, from.y() * kDegreesPerRad, from.z(), p.x(), p.y(), p.z());
+    return p;
+  };
+  return impl_->ConvertEach(points, convert, [&](const Eigen::Vector3d& from) {
+    return absl::StrCat("latitude ", from.x() * kDegreesPerRad, ", longitude ", from.y() * kDegreesPerRad,
+                        ", which has no coordinates in ", impl_->name);
+  });
 }
 
 Eigen::Vector3d GeocentricFromGeodetic(const Eigen::Vector3d& geodetic) {

@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "common/importing/proof/residuals.h"
 
 namespace tessera {
 namespace {
@@ -193,9 +194,14 @@ StatusOr<PlacedBlock> PlaceBlock(const ImportedBlock& block, FrameChoice choice,
   }
   for (std::vector<BlockTiePoint>* const points : {&placed.points, &placed.control_points}) {
     std::vector<Eigen::Vector3d> positions;
-    for (const BlockTiePoint& point : *points) positions.push_back(point.position);
+    for (const BlockTiePoint& point : *points) {
+      if (HasPosition(point)) positions.push_back(point.position);
+    }
     TESSERA_RETURN_IF_ERROR(out.map.SceneFromSource(positions));
-    for (size_t k = 0; k < positions.size(); ++k) (*points)[k].position = positions[k];
+    size_t next_position = 0;
+    for (BlockTiePoint& point : *points) {
+      if (HasPosition(point)) point.position = positions[next_position++];
+    }
   }
 
   const ReferenceSystem& system = out.map.source();

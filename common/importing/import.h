@@ -17,8 +17,7 @@ struct ImportOptions {
   std::string source;                 // the block's file or folder
   std::optional<std::string> format;  // name of a BlockFormat; none: detected by content
   std::string mesh;                   // file or folder; empty: the mesh of the source's folder, if there is one
-  std::vector<std::string> image_folders;
-  std::vector<PathReplacement> image_paths;
+  PhotographSearch photographs;
   bool copy_images = false;
   std::string crs;       // replaces that of the source; "local": none; empty: that of the source
   std::string mesh_crs;  // the same for the mesh; empty: that of its files, else that of the block

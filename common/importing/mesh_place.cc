@@ -64,7 +64,12 @@ std::vector<Candidate> CandidatesOf(const MeshSource& mesh, const std::string& c
 StatusOr<MeshPlace> PlaceMesh(const MeshSource& mesh, const std::string& crs, const ImportedBlock& source,
                               const std::string& source_crs, const PlacedBlock& placed, const HeightOptions& heights) {
   BoxSink sink;
-  TESSERA_RETURN_IF_ERROR(StreamMesh(mesh.files.front(), {}, &sink));
+  if (!StreamMesh(mesh.files.front(), {}, &sink).ok()) {  // several properties may be labels
+    MeshReadOptions without_labels;
+    without_labels.label_property = "";
+    sink = BoxSink();
+    TESSERA_RETURN_IF_ERROR(StreamMesh(mesh.files.front(), without_labels, &sink));
+  }
   if (sink.box.isEmpty()) return InputError(mesh.files.front(), "", "no vertices", "a mesh");
   const Eigen::AlignedBox3d block = BoxOf(placed.block);
   std::optional<MeshPlace> best;

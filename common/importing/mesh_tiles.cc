@@ -122,6 +122,8 @@ class TileMerger {
   Status AddTile(size_t tile) {
     MeshReadOptions read;
     read.label_property = options_.labels == LabelSource::kProperty ? options_.label_property : "";
+    read.label_option = "--labels names";
+    read.without_labels = "write --labels none";
     read.materials = options_.labels == LabelSource::kMaterial ? &materials_ : nullptr;
     read.warnings = warnings_;
     read.file_in_warnings = std::filesystem::path(source_.files[tile]).filename().string();

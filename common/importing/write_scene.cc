@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/colmap/colmap_writer.h"
+#include "common/importing/proof/residuals.h"
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -52,6 +53,7 @@ CalibratedImages ModelOf(const ImportedScene& scene) {
     model.images.push_back(std::move(out));
   }
   for (const BlockTiePoint& point : block.points) {
+    if (!HasPosition(point)) continue;
     TiePoint out;
     out.id = model.points.size() + 1;
     out.position = point.position;

@@ -14,27 +14,33 @@ constexpr char kDownload[] = "download the file again";
 
 struct Signature {
   std::string_view begins;  // the first bytes
+  ForeignKind kind;
   const char* name;
   const char* remedy;
 };
 
 constexpr Signature kSignatures[] = {
-    {"version https://git-lfs.github.com/spec/", "a Git LFS pointer in place of the file", "run 'git lfs pull'"},
-    {"LASF", "a point cloud (LAS or LAZ)", kMeshFirst},
-    {"# .PCD", "a point cloud (PCD)", kMeshFirst},
-    {"ASTM-E57", "a point cloud (E57)", kMeshFirst},
-    {"Kaydara FBX Binary", "an FBX file", kConvert},
-    {"DRACO", "a mesh that is compressed with Draco", "decompress it"},
-    {"PK\x03\x04", "a ZIP archive", kUnpack},
-    {"\x1f\x8b", "a gzip file", kUnpack},
-    {"7z\xbc\xaf\x27\x1c", "a 7z archive", kUnpack},
-    {"<!DOCTYPE html", "a web page", kDownload},
-    {"<!doctype html", "a web page", kDownload},
-    {"<html", "a web page", kDownload},
-    {"b3dm", "a tile of 3D Tiles (B3DM)", kExport},
-    {"3MXBO", "a tile of 3MX", kExport},
-    {"\xa1\x0e\x91\x6c\x45\x45\xfb\x1a", "an OSGB file", kExport},
-    {"<?xml", "an XML file", kConvert},
+    {"version https://git-lfs.github.com/spec/", ForeignKind::kOther, "a Git LFS pointer in place of the file",
+     "run 'git lfs pull'"},
+    {"LASF", ForeignKind::kPoints, "a point cloud (LAS or LAZ)", kMeshFirst},
+    {"# .PCD", ForeignKind::kPoints, "a point cloud (PCD)", kMeshFirst},
+    {"ASTM-E57", ForeignKind::kPoints, "a point cloud (E57)", kMeshFirst},
+    {"Kaydara FBX Binary", ForeignKind::kMesh, "an FBX file", kConvert},
+    {"; FBX ", ForeignKind::kMesh, "an FBX file", kConvert},
+    {"DRACO", ForeignKind::kMesh, "a mesh that is compressed with Draco", "decompress it"},
+    {"PK\x03\x04", ForeignKind::kPacked, "a ZIP archive", kUnpack},
+    {"\x1f\x8b", ForeignKind::kPacked, "a gzip file", kUnpack},
+    {"7z\xbc\xaf\x27\x1c", ForeignKind::kPacked, "a 7z archive", kUnpack},
+    {"<!DOCTYPE html", ForeignKind::kOther, "a web page", kDownload},
+    {"<!doctype html", ForeignKind::kOther, "a web page", kDownload},
+    {"<html", ForeignKind::kOther, "a web page", kDownload},
+    {"b3dm", ForeignKind::kMesh, "a tile of 3D Tiles (B3DM)", kExport},
+    {"i3dm", ForeignKind::kMesh, "a tile of 3D Tiles (I3DM)", kExport},
+    {"cmpt", ForeignKind::kMesh, "a tile of 3D Tiles (CMPT)", kExport},
+    {"3MXBO", ForeignKind::kCaptureMesh, "a tile of 3MX", kExport},
+    {"\xa1\x0e\x91\x6c\x45\x45\xfb\x1a", ForeignKind::kCaptureMesh, "an OSGB file", kExport},
+    {"\x1a\xfb\x45\x45\x6c\x91\x0e\xa1", ForeignKind::kCaptureMesh, "an OSGB file", kExport},
+    {"<?xml", ForeignKind::kXml, "an XML file", kConvert},
 };
 
 // The first word of a text.
@@ -57,19 +63,20 @@ bool IsBinaryStl(std::string_view head, int64_t size_bytes) {
 }  // namespace
 
 std::optional<ForeignContent> RecogniseForeignContent(std::string_view head, int64_t size_bytes) {
+  constexpr auto kMesh = ForeignKind::kMesh;
   if (head.starts_with("<?xml") && head.find("<COLLADA") != std::string_view::npos) {
-    return ForeignContent{"a COLLADA file (DAE)", kExport};
+    return ForeignContent{kMesh, "a COLLADA file (DAE)", kExport};
   }
   for (const Signature& signature : kSignatures) {
-    if (head.starts_with(signature.begins)) return ForeignContent{signature.name, signature.remedy};
+    if (head.starts_with(signature.begins)) return ForeignContent{signature.kind, signature.name, signature.remedy};
   }
   const std::string_view word = FirstWord(head);
   for (const std::string_view off : {"OFF", "COFF", "NOFF", "STOFF", "CNOFF", "4OFF", "nOFF"}) {
-    if (word == off) return ForeignContent{"an OFF file", kConvert};
+    if (word == off) return ForeignContent{kMesh, "an OFF file", kConvert};
   }
   if (word == "solid" && head.find("facet") != std::string_view::npos)
-    return ForeignContent{"a text STL file", kConvert};
-  if (IsBinaryStl(head, size_bytes)) return ForeignContent{"a binary STL file", kConvert};
+    return ForeignContent{kMesh, "a text STL file", kConvert};
+  if (IsBinaryStl(head, size_bytes)) return ForeignContent{kMesh, "a binary STL file", kConvert};
   return {};
 }
 

@@ -1,4 +1,4 @@
-// Files that are no mesh of a known format, told by their first bytes, so that messages say what was given.
+// Files that are no mesh of a known format, recognised by their first bytes, so that messages say what was given.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,17 @@
 
 namespace tessera {
 
+enum class ForeignKind {
+  kMesh,
+  kCaptureMesh,  // of formats that ContextCapture and iTwin Capture write
+  kPoints,
+  kPacked,
+  kXml,  // of any kind
+  kOther
+};
+
 struct ForeignContent {
+  ForeignKind kind = ForeignKind::kOther;
   std::string name;    // "a binary STL file"
   std::string remedy;  // what the user can do instead
 };

@@ -43,6 +43,9 @@ struct MeshReadOptions {
   // If given, labels are the materials of the faces: indices into these names, -1 without material. `label_property` is
   // then ignored. INVALID_ARGUMENT for formats without materials.
   MaterialNames* materials = nullptr;
+  // For messages: who names label_property, and how the user says that there are no labels.
+  const char* label_option = "scene.json names in \"label_property\"";
+  const char* without_labels = "set \"label_property\": null in scene.json";
 
   void Warn(const std::string& text) const;
 };

@@ -35,8 +35,8 @@ class ObjReader {
   Status Read() {
     if (options_.materials == nullptr && options_.label_property && !options_.label_property->empty()) {
       return InputError(name_, "", "an OBJ file, which has no properties",
-                        absl::StrCat("a PLY with the property ", Quoted(*options_.label_property),
-                                     ", which scene.json names in \"label_property\""));
+                        absl::StrCat("a PLY with the property ", Quoted(*options_.label_property), ", which ",
+                                     options_.label_option));
     }
     if (source_.SkipByteOrderMark()) options_.Warn("a byte order mark before the first line ignored");
     MeshLayout layout;

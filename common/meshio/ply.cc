@@ -50,7 +50,7 @@ Status Stream(ByteSource& source, const std::string& name, const MeshReadOptions
     return InputError(name, "", "a PLY file, which has no materials",
                       "labels of one of its properties, or an OBJ or glTF file with materials");
   }
-  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name, options.label_property));
+  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name, options));
   WarnOfHeader(header, options);
   TESSERA_RETURN_IF_ERROR(sink.Begin(LayoutOf(source, header)));
   return header.format == PlyFormat::kAscii ? ReadPlyText(source, header, name, options, sink)
@@ -105,13 +105,13 @@ Status StreamPly(const std::string& path, const MeshReadOptions& options, MeshSi
 
 StatusOr<bool> PlyHasMoreFaces(const std::string& path, int64_t max_faces) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
-  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path, ""));
+  MeshReadOptions without_labels;
+  without_labels.label_property = "";
+  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path, without_labels));
   if (header.face_count > max_faces) return true;
   const int64_t available = source->size_bytes() - source->offset_bytes();
   // Each triangle of a fan needs at least one index.
   if (available / IndexBytes(header) <= max_faces || AreAllTriangles(header, available)) return false;
-  MeshReadOptions without_labels;
-  without_labels.label_property = "";
   TESSERA_ASSIGN_OR_RETURN(const int64_t faces,
                            CountTriangles([&](MeshSink& sink) { return StreamPly(path, without_labels, &sink); }));
   return faces > max_faces;

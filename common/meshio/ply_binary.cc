@@ -121,7 +121,7 @@ class BinaryReader {
           const double value = LoadNumber<kSwap>(bytes, step.type);
           if (!LabelOf(value, label)) {
             return Error(element, absl::StrFormat("label %.*g", step.type == PlyType::kFloat64 ? 17 : 10, value),
-                         ExpectedLabel(header_));
+                         ExpectedLabel(header_, options_));
           }
           source_.Advance(step.bytes);
           break;

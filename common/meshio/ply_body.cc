@@ -88,7 +88,7 @@ class TextReader {
           double number = 0;
           const bool good = IsInteger(property.type) ? ParseInteger(word, integer) && LabelOf(integer, label)
                                                      : ParseNumber(word, number) && LabelOf(number, label);
-          if (!good) return Error(element, absl::StrCat("label ", Quoted(word)), ExpectedLabel(header_));
+          if (!good) return Error(element, absl::StrCat("label ", Quoted(word)), ExpectedLabel(header_, options_));
           break;
         }
         case PlyRole::kOther:
@@ -183,13 +183,12 @@ bool LabelOf(double value, int32_t& label) {
   return true;
 }
 
-std::string ExpectedLabel(const PlyHeader& header) {
+std::string ExpectedLabel(const PlyHeader& header, const MeshReadOptions& options) {
   // A property of another name may hold something else.
   return absl::StrCat("a class index (a whole number), or -1 for no label",
-                      header.label_property == "label"
-                          ? ""
-                          : absl::StrCat("; if ", Quoted(header.label_property),
-                                         " holds no labels, set \"label_property\": null in scene.json"));
+                      header.label_property == "label" ? ""
+                                                       : absl::StrCat("; if ", Quoted(header.label_property),
+                                                                      " holds no labels, ", options.without_labels));
 }
 
 Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, const MeshReadOptions& options,

@@ -26,6 +26,6 @@ Status CheckPlyEnd(ByteSource& source, const std::string& name, const std::strin
 // False unless the value is a class index or -1.
 bool LabelOf(int64_t value, int32_t& label);
 bool LabelOf(double value, int32_t& label);
-std::string ExpectedLabel(const PlyHeader& header);  // for messages
+std::string ExpectedLabel(const PlyHeader& header, const MeshReadOptions& options);  // for messages
 
 }  // namespace tessera

@@ -62,10 +62,10 @@ class HeaderParser {
  public:
   HeaderParser(ByteSource& source, const std::string& name) : source_(source), name_(name) {}
 
-  StatusOr<PlyHeader> Parse(const std::optional<std::string>& label_property) {
+  StatusOr<PlyHeader> Parse(const MeshReadOptions& options) {
     TESSERA_RETURN_IF_ERROR(ReadLines());
     TESSERA_RETURN_IF_ERROR(FindMesh());
-    TESSERA_RETURN_IF_ERROR(ChoosePlyLabels(name_, label_property, &header_));
+    TESSERA_RETURN_IF_ERROR(ChoosePlyLabels(name_, options, &header_));
     TESSERA_RETURN_IF_ERROR(CheckCounts());
     return std::move(header_);
   }
@@ -308,9 +308,8 @@ int64_t LeastElementBytes(const PlyElement& element, PlyFormat format) {
   return bytes;
 }
 
-StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name,
-                                  const std::optional<std::string>& label_property) {
-  return HeaderParser(source, name).Parse(label_property);
+StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name, const MeshReadOptions& options) {
+  return HeaderParser(source, name).Parse(options);
 }
 
 bool DeclaresPlyLabels(const std::string& head, const std::optional<std::string>& label_property) {
@@ -318,7 +317,9 @@ bool DeclaresPlyLabels(const std::string& head, const std::optional<std::string>
   const std::string lines = head.substr(0, head.rfind('\n') + 1), name;
   const std::unique_ptr<ByteSource> source = ByteSource::FromMemory(lines);
   PlyHeader header = HeaderParser(*source, name).ParsePart();
-  return !ChoosePlyLabels(name, label_property, &header).ok() || header.labels != MeshLabels::kNone;
+  MeshReadOptions options;
+  options.label_property = label_property;
+  return !ChoosePlyLabels(name, options, &header).ok() || header.labels != MeshLabels::kNone;
 }
 
 }  // namespace tessera

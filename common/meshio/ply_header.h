@@ -53,12 +53,11 @@ struct PlyHeader {
 };
 
 // Consumes the header from `source` and checks it: the mesh's properties exist once with valid types, and the rest of
-// the source is large enough for the declared counts. `label_property` as in MeshReadOptions. INVALID_ARGUMENT with
-// `name` (the file's name) and the line.
-StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name,
-                                  const std::optional<std::string>& label_property);
+// the source is large enough for the declared counts. INVALID_ARGUMENT with `name` (the file's name) and the line.
+StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name, const MeshReadOptions& options);
 
 // Whether the header that begins with `head` declares labels, or properties that leave open which are the labels.
+// `label_property`: as in MeshReadOptions.
 bool DeclaresPlyLabels(const std::string& head, const std::optional<std::string>& label_property);
 
 // The minimum size of one element in the file.

@@ -61,11 +61,11 @@ StatusOr<PlyProperty*> FindByKnownNames(const std::string& file, PlyElement& ele
 }
 
 // The property of `element` with this name; null if there is none.
-StatusOr<PlyProperty*> FindNamed(const std::string& file, const std::string& property_name, PlyElement& element) {
-  PlyProperty* const property = FindProperty(element, property_name);
+StatusOr<PlyProperty*> FindNamed(const std::string& file, const MeshReadOptions& options, PlyElement& element) {
+  PlyProperty* const property = FindProperty(element, *options.label_property);
   if (property == nullptr || (!property->is_list && property->role == PlyRole::kOther)) return property;
   return LabelError(file, property->line,
-                    absl::StrCat("property ", Quoted(property_name), ", which scene.json names in \"label_property\""),
+                    absl::StrCat("property ", Quoted(property->name), ", which ", options.label_option),
                     "a property with one class index per face or vertex");
 }
 
@@ -87,13 +87,14 @@ std::string SomeProperties(const PlyHeader& header) {
 
 }  // namespace
 
-Status ChoosePlyLabels(const std::string& name, const std::optional<std::string>& label_property, PlyHeader* header) {
+Status ChoosePlyLabels(const std::string& name, const MeshReadOptions& options, PlyHeader* header) {
+  const std::optional<std::string>& label_property = options.label_property;
   if (label_property && label_property->empty()) return absl::OkStatus();
   for (const PlyElementKind kind : {PlyElementKind::kFace, PlyElementKind::kVertex}) {
     for (PlyElement& element : header->elements) {
       if (element.kind != kind) continue;
-      TESSERA_ASSIGN_OR_RETURN(PlyProperty* const property, label_property ? FindNamed(name, *label_property, element)
-                                                                           : FindByKnownNames(name, element));
+      TESSERA_ASSIGN_OR_RETURN(PlyProperty* const property,
+                               label_property ? FindNamed(name, options, element) : FindByKnownNames(name, element));
       if (property == nullptr) continue;
       property->role = PlyRole::kLabel;
       header->labels = kind == PlyElementKind::kFace ? MeshLabels::kOfFaces : MeshLabels::kOfVertices;
@@ -103,10 +104,9 @@ Status ChoosePlyLabels(const std::string& name, const std::optional<std::string>
     }
   }
   if (!label_property) return absl::OkStatus();
-  return InputError(
-      name, "header",
-      absl::StrCat("no property ", Quoted(*label_property), ", which scene.json names in \"label_property\""),
-      SomeProperties(*header));
+  return InputError(name, "header",
+                    absl::StrCat("no property ", Quoted(*label_property), ", which ", options.label_option),
+                    SomeProperties(*header));
 }
 
 }  // namespace tessera

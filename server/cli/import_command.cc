@@ -35,7 +35,7 @@ StatusOr<ImportResult> Import(ImportArguments arguments, Warnings* warnings) {
   ImportOptions& options = arguments.options;
   for (const std::string& text : arguments.image_paths) {
     TESSERA_ASSIGN_OR_RETURN(PathReplacement replacement, ParsePathReplacement(text));
-    options.image_paths.push_back(std::move(replacement));
+    options.photographs.replacements.push_back(std::move(replacement));
   }
   for (const std::string& text : arguments.flights) {
     TESSERA_ASSIGN_OR_RETURN(FlightPattern flight, ParseFlightPattern(text));
@@ -61,7 +61,7 @@ void AddImportCommand(CLI::App& app, int* exit_code) {
                       "Mesh: a PLY, OBJ or GLB, or a folder of tiles (default: that of an OpenDroneMap project)");
   CLI::Option* format =
       command->add_option("--format", arguments->format, absl::StrCat("Format of SOURCE: ", FormatNames()));
-  command->add_option("--images", options.image_folders, "Folder to search for the images (default: that of SOURCE)")
+  command->add_option("--images", options.photographs.folders, "Folder to search for the images (default: that of SOURCE)")
       ->type_name("DIR")
       ->allow_extra_args(false);
   command

@@ -34,14 +34,14 @@ class ImportTest : public testing::Test {
         mesh_(folder_.path() + "/Production_1"),
         scene_(folder_.path() + "/scene") {}
 
-  // The toy city's model at kShift, as another program on another machine writes it.
-  ImportedBlock Block() const {
+  // The toy city's model at `shift`, as another program on another machine writes it.
+  ImportedBlock Block(const Eigen::Vector3d& shift = kShift) const {
     ImportedBlock block = ReadBlock(ToyCity() + "/colmap", "colmap", {}, nullptr).value();
     for (BlockImage& image : block.images) {
       image.path = "D:\\flights\\may\\" + image.path;
-      image.centre += kShift;
+      image.centre += shift;
     }
-    for (BlockTiePoint& point : block.points) point.position += kShift;
+    for (BlockTiePoint& point : block.points) point.position += shift;
     return block;
   }
   void WriteBlock(const ImportedBlock& block) const {
@@ -70,6 +70,14 @@ class ImportTest : public testing::Test {
                                                 origin.x(), origin.y(), origin.z()))
                     .ok());
   }
+  // The file of --classes.
+  std::string WriteClasses() const {
+    const std::string classes = folder_.path() + "/classes.json";
+    EXPECT_TRUE(
+        WriteFileAtomic(classes, R"({"Ground": "ground", "Wall": "facade", "Tiles": "roof", "Trees": "vegetation"})")
+            .ok());
+    return classes;
+  }
   Outcome Import(const std::vector<std::string>& more) const {
     std::vector<std::string> arguments = {"import", block_, "--out", scene_};
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -83,12 +91,8 @@ class ImportTest : public testing::Test {
 TEST_F(ImportTest, BlockAndTilesBecomeTheScene) {
   WriteBlock(Block());
   WriteMesh(kShift);
-  const std::string classes = folder_.path() + "/classes.json";
-  ASSERT_TRUE(
-      WriteFileAtomic(classes, R"({"Ground": "ground", "Wall": "facade", "Tiles": "roof", "Trees": "vegetation"})")
-          .ok());
   const Outcome outcome = Import({"--images", ToyCity() + "/images", "--mesh", mesh_, "--frame", "grid", "--labels",
-                                  "material", "--classes", classes, "--flight", "may=*"});
+                                  "material", "--classes", WriteClasses(), "--flight", "may=*"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_THAT(outcome.output, AllOf(HasSubstr("proven on the tie points"), HasSubstr("tessera run")));
 
@@ -125,6 +129,28 @@ TEST_F(ImportTest, BlockAndTilesBecomeTheScene) {
   EXPECT_TRUE(fs::is_symlink(fs::path(scene_) / "images" / made.views[0].name));
   EXPECT_EQ(Tessera(folder_.path(), {"check", scene_}).exit_code, 0);
   EXPECT_EQ(Import({"--images", ToyCity() + "/images"}).exit_code, 2) << "the scene exists";
+}
+
+// Two commands from a block of another machine to a result. Its local frame, and with it all rounding, is that of the
+// scene itself, because the shift is a multiple of 1,024 m.
+TEST_F(ImportTest, ResultOfAnImportedSceneIsThatOfTheScene) {
+  const Eigen::Vector3d shift(691200, 5334016, 0);
+  WriteBlock(Block(shift));
+  WriteMesh(shift);
+  const Outcome import = Import({"--images", ToyCity() + "/images", "--mesh", mesh_, "--frame", "grid", "--labels",
+                                 "material", "--classes", WriteClasses()});
+  ASSERT_EQ(import.exit_code, 0) << import.output;
+  fs::copy(ToyCity() + "/likelihoods", scene_ + "/likelihoods");
+  const std::string out = folder_.path() + "/out";
+  const Outcome run = Tessera(folder_.path(), {"run", scene_, "--tiles", "4", "--out", out});
+  ASSERT_EQ(run.exit_code, 0) << run.output;
+  const TriangleMesh imported = ReadPly(out + "/mesh.ply").value().mesh, made = ReadPly(UndisturbedMesh()).value().mesh;
+  EXPECT_EQ(imported.faces, made.faces);
+  EXPECT_EQ(imported.labels, made.labels);
+  ASSERT_EQ(imported.vertices.size(), made.vertices.size());
+  for (size_t v = 0; v < made.vertices.size(); ++v) {
+    ASSERT_LT((imported.vertices[v] - shift - made.vertices[v]).norm(), 1e-6) << v;
+  }
 }
 
 TEST_F(ImportTest, ImagesMayBeCopied) {

@@ -12,9 +12,9 @@
 #include "common/base/printable.h"
 #include "common/blocks/block_parts.h"
 #include "common/blocks/blocks_exchange/blocks_exchange_lens.h"
+#include "common/storage/files.h"
 #include "common/storage/xml_file.h"
 #include "common/storage/zip_file.h"
-#include "common/storage/files.h"
 
 namespace tessera {
 namespace {
@@ -245,6 +245,7 @@ class ExchangeReader {
     }
   }
 
+  // `incomplete`: counts points without position; null: they are read too.
   void ReadPoint(const XmlNode& node, const std::string& system, std::vector<BlockTiePoint>* points, int64_t* others,
                  int64_t* incomplete) {
     const XmlNode position = node.Child("Position");
@@ -252,9 +253,9 @@ class ExchangeReader {
     BlockTiePoint point;
     if (SystemOf(node, system) != block_.crs) {
       ++*others;
-    } else if (!position || (!category.empty() && category != "Full")) {
+    } else if (incomplete != nullptr && (!position || (!category.empty() && category != "Full"))) {
       ++*incomplete;
-    } else if (ReadPosition(position, &point.position)) {
+    } else if (!position || ReadPosition(position, &point.position)) {
       ReadMeasurements(node, &point);
       points->push_back(std::move(point));
     }
@@ -293,12 +294,11 @@ class ExchangeReader {
       }
     }
     LeaveOut(other_tie_points_, "tie points in another system than the poses");
-    LeaveOut(incomplete_tie_points_, "tie points without position");
   }
 
   void ReadTiePointList(XmlNode point, const std::string& system) {
     for (; point; point = point.Next("TiePoint")) {
-      ReadPoint(point, system, &block_.points, &other_tie_points_, &incomplete_tie_points_);
+      ReadPoint(point, system, &block_.points, &other_tie_points_, nullptr);
     }
   }
 
@@ -351,7 +351,7 @@ class ExchangeReader {
   std::unordered_map<int64_t, size_t> images_;  // by Id
   std::map<std::string, int> images_in_;        // oriented images by system
   int64_t unknown_photos_ = 0, metadata_ = 0, masks_ = 0, inaccurate_ = 0;
-  int64_t other_tie_points_ = 0, incomplete_tie_points_ = 0;
+  int64_t other_tie_points_ = 0;
 };
 
 // The member of the archive that is XML with one of the two roots; empty if there is none.

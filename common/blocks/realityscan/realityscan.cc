@@ -10,7 +10,6 @@
 //   t2 are OpenCV's p2 and p1 (RealityScan's table for OpenCV writes them in this order). Coefficients: k1 k2 k3 k4 t1
 //   t2.
 // Neither format has image sizes, a coordinate system or tie points.
-#include "common/blocks/block_parts.h"
 #include "common/blocks/realityscan/realityscan.h"
 
 #include <algorithm>
@@ -18,12 +17,12 @@
 #include <filesystem>
 #include <map>
 #include <pugixml.hpp>
-#include <set>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "common/blocks/block_parts.h"
 #include "common/colmap/colmap_lines.h"
 #include "common/meshio/text_words.h"
 #include "common/storage/files.h"
@@ -164,26 +163,6 @@ std::vector<std::string> RealityScanTablesIn(const std::string& folder) {
   return tables;
 }
 
-// The photograph of a sidecar: the file of its name with the extension of an image.
-StatusOr<std::string> PhotographOfSidecar(const std::string& sidecar, PhotographFiles& files) {
-  const std::string stem = fs::path(sidecar).replace_extension().string();
-  std::set<std::string> found;
-  // IMAGE.jpg.xmp, too.
-  for (const char* extension :
-       {"", ".jpg", ".JPG", ".jpeg", ".JPEG", ".png", ".PNG", ".tif", ".TIF", ".tiff", ".TIFF"}) {
-    if (*extension == '\0' && !fs::path(stem).has_extension()) continue;
-    const StatusOr<std::string> file = files.Find(stem + extension);
-    if (file.ok()) {
-      found.insert(*file);
-    } else if (!absl::IsNotFound(file.status())) {
-      return file;
-    }
-  }
-  if (found.size() == 1) return *found.begin();
-  if (found.empty()) return absl::NotFoundError("no image of this name beside the sidecar");
-  return absl::InvalidArgumentError(absl::StrCat("several images of this name: ", absl::StrJoin(found, ", ")));
-}
-
 struct XcrSidecar {
   std::string path;  // relative to the folder
   RealityScanCamera camera;
@@ -245,15 +224,16 @@ void ReadXcrSidecars(const std::string& folder, const std::vector<std::string>& 
     return;
   }
   KeepSidecarComponent(options.component, folder, &sidecars, block, faults);
-  PhotographFiles files(folder, options.images_folder);
+  PhotographFiles files(folder, options.photographs);
   SharedCameras cameras(block);
   for (const XcrSidecar& sidecar : sidecars) {
-    const StatusOr<std::string> photograph = PhotographOfSidecar(sidecar.path, files);
+    // IMAGE.xmp or IMAGE.jpg.xmp
+    const std::string file = absl::StrCat(folder, "/", sidecar.path), name = file.substr(0, file.size() - 4);
+    const StatusOr<std::string> photograph = files.Find(name);
     const StatusOr<ImageSize> size =
         photograph.ok() ? files.SizeOf(*photograph) : StatusOr<ImageSize>(photograph.status());
     if (!size.ok()) {
-      faults->Add(InputError(absl::StrCat(folder, "/", sidecar.path), "", std::string(size.status().message()),
-                             "the photograph, because sidecars state no image size; name its folder with --images"));
+      faults->Add(ImageSizeFault(file, "", name, size.status(), block));
       continue;
     }
     const RealityScanCamera& camera = sidecar.camera;
@@ -361,7 +341,7 @@ ImportedBlock ReadRealityScan(const std::string& path, const BlockReadOptions& o
       faults->Add(text.status());
       return block;
     }
-    PhotographFiles files(folder, options.images_folder);
+    PhotographFiles files(folder, options.photographs);
     ParseRealityScanCsv(
         *text, tables[0], [&files](const std::string& image) { return files.SizeOf(image); }, &block, faults);
   }

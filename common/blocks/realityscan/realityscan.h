@@ -7,8 +7,8 @@
 
 #include "common/base/status.h"
 #include "common/blocks/block.h"
-#include "common/blocks/photograph_files.h"
 #include "common/blocks/block_format.h"
+#include "common/blocks/photograph_files.h"
 
 namespace tessera {
 

@@ -190,9 +190,7 @@ void ParseRealityScanCsv(const std::string& text, const std::string& name, const
     if (!good) continue;
     const StatusOr<ImageSize> size = size_of(image_name);
     if (!size.ok()) {
-      faults->Add(lines.Location().Error(
-          std::string(size.status().message()),
-          "the photograph, because the table states no image size; name its folder with --images"));
+      faults->Add(ImageSizeFault(name, absl::StrCat("line ", lines.number()), image_name, size.status(), block));
       continue;
     }
     RealityScanCamera camera;

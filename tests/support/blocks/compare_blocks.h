@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "common/blocks/block.h"
+#include "tests/support/blocks/project_in_block.h"
 
 namespace tessera {
 
@@ -14,15 +15,6 @@ struct BlockErrors {
   double reprojection_px = 0;  // of truth's points through the cameras that were read, to truth's observations
   double observation_px = 0;   // of observations that were read, through the cameras that were read; 0 without points
 };
-
-// Where `point` appears in image `index` of the block.
-inline Eigen::Vector2d ProjectInBlock(const ImportedBlock& block, int index, const Eigen::Vector3d& point) {
-  const BlockImage& image = block.images[index];
-  const LensModel& lens = block.cameras[image.camera].lens;
-  const Eigen::Vector3d x = image.rotation_cam_from_block * (point - image.centre);
-  return lens.Distort(
-      {lens.pinhole.fx * x.x() / x.z() + lens.pinhole.cx, lens.pinhole.fy * x.y() / x.z() + lens.pinhole.cy});
-}
 
 // Infinite if the numbers of images or points differ. Images are in the same order. `read` may have an offset.
 inline BlockErrors CompareBlocks(const ImportedBlock& read, const ImportedBlock& truth) {
@@ -40,13 +32,13 @@ inline BlockErrors CompareBlocks(const ImportedBlock& read, const ImportedBlock&
   }
   for (const BlockTiePoint& point : truth.points) {
     for (const BlockObservation& o : point.observations) {
-      const Eigen::Vector2d p = ProjectInBlock(read, o.image, point.position - read.offset);
+      const Eigen::Vector2d p = ProjectInBlock(read, read.images[o.image], point.position - read.offset);
       errors.reprojection_px = std::max(errors.reprojection_px, (p - o.position_px).norm());
     }
   }
   for (const BlockTiePoint& point : read.points) {
     for (const BlockObservation& o : point.observations) {
-      const Eigen::Vector2d p = ProjectInBlock(read, o.image, point.position);
+      const Eigen::Vector2d p = ProjectInBlock(read, read.images[o.image], point.position);
       errors.observation_px = std::max(errors.observation_px, (p - o.position_px).norm());
     }
   }

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "common/blocks/block.h"
+#include "tests/support/blocks/project_in_block.h"
 #include "tests/support/blocks/truth_block.h"
 
 namespace tessera {
@@ -33,12 +34,8 @@ inline double LargestResidual_px(const ImportedBlock& block, const std::vector<B
   double largest = 0;
   for (const BlockTiePoint& point : points) {
     for (const BlockObservation& seen : point.observations) {
-      const BlockImage& image = block.images[seen.image];
-      const LensModel& lens = block.cameras[image.camera].lens;
-      const Eigen::Vector3d x = image.rotation_cam_from_block * (point.position - image.centre);
-      const Eigen::Vector2d ideal(lens.pinhole.fx * x.x() / x.z() + lens.pinhole.cx,
-                                  lens.pinhole.fy * x.y() / x.z() + lens.pinhole.cy);
-      largest = std::max(largest, (lens.Distort(ideal) - seen.position_px).norm());
+      const Eigen::Vector2d p = ProjectInBlock(block, block.images[seen.image], point.position);
+      largest = std::max(largest, (p - seen.position_px).norm());
     }
   }
   return largest;

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "common/blocks/block.h"
+#include "tests/support/blocks/project_in_block.h"
 
 namespace tessera {
 
@@ -20,20 +21,11 @@ struct NamedBlockErrors {
   size_t images = 0, observations = 0;
 };
 
-// Where `point` appears in an image of the block.
-inline Eigen::Vector2d ProjectIntoNamed(const ImportedBlock& block, const BlockImage& image,
-                                        const Eigen::Vector3d& point) {
-  const LensModel& lens = block.cameras[image.camera].lens;
-  const Eigen::Vector3d x = image.rotation_cam_from_block * (point - image.centre);
-  return lens.Distort(
-      {lens.pinhole.fx * x.x() / x.z() + lens.pinhole.cx, lens.pinhole.fy * x.y() / x.z() + lens.pinhole.cy});
-}
-
 // Sets the observations to where the cameras of the block show its points.
 inline void ObserveAgain(ImportedBlock* block) {
   for (BlockTiePoint& point : block->points) {
     for (BlockObservation& observation : point.observations)
-      observation.position_px = ProjectIntoNamed(*block, block->images[observation.image], point.position);
+      observation.position_px = ProjectInBlock(*block, block->images[observation.image], point.position);
   }
 }
 
@@ -56,7 +48,7 @@ inline NamedBlockErrors CompareByName(const ImportedBlock& read, const ImportedB
     for (const BlockTiePoint& point : truth.points) {
       for (const BlockObservation& observation : point.observations) {
         if (&truth.images[observation.image] != &image) continue;
-        const Eigen::Vector2d position = ProjectIntoNamed(read, *found->second, point.position);
+        const Eigen::Vector2d position = ProjectInBlock(read, *found->second, point.position);
         errors.reprojection_px = std::max(errors.reprojection_px, (position - observation.position_px).norm());
       }
     }

@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/blocks/block.h"
+#include "tests/support/blocks/project_in_block.h"
 
 namespace tessera {
 
@@ -55,10 +56,11 @@ inline ImportedBlock MakeTruthBlock(const TruthOptions& options = {}) {
     image.centre = options.centre + Eigen::Vector3d(80 * unit(random), 80 * unit(random), 120 + 10 * unit(random));
     // Down, then tilted by up to 30 degrees, turned by any angle about the vertical.
     const Eigen::Matrix3d down = Eigen::Vector3d(1, -1, -1).asDiagonal();
-    image.rotation_cam_from_block =
-        (Eigen::AngleAxisd(0.5 * unit(random), Eigen::Vector3d::UnitX()) *
-         Eigen::AngleAxisd(0.5 * unit(random), Eigen::Vector3d::UnitY())).toRotationMatrix() * down *
-        Eigen::AngleAxisd(3.14 * unit(random), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    image.rotation_cam_from_block = (Eigen::AngleAxisd(0.5 * unit(random), Eigen::Vector3d::UnitX()) *
+                                     Eigen::AngleAxisd(0.5 * unit(random), Eigen::Vector3d::UnitY()))
+                                        .toRotationMatrix() *
+                                    down *
+                                    Eigen::AngleAxisd(3.14 * unit(random), Eigen::Vector3d::UnitZ()).toRotationMatrix();
     block.images.push_back(image);
   }
   while (static_cast<int>(block.points.size()) < options.points) {
@@ -67,10 +69,8 @@ inline ImportedBlock MakeTruthBlock(const TruthOptions& options = {}) {
     for (int k = 0; k < options.images; ++k) {
       const BlockImage& image = block.images[k];
       const LensModel& lens = block.cameras[image.camera].lens;
-      const Eigen::Vector3d x = image.rotation_cam_from_block * (point.position - image.centre);
-      if (x.z() <= 0) continue;
-      const Eigen::Vector2d ideal(lens.pinhole.fx * x.x() / x.z() + lens.pinhole.cx,
-                                  lens.pinhole.fy * x.y() / x.z() + lens.pinhole.cy);
+      const auto [ideal, depth] = IdealInBlock(block, image, point.position);
+      if (depth <= 0) continue;
       if (!(ideal.x() > 0 && ideal.y() > 0 && ideal.x() < lens.pinhole.width && ideal.y() < lens.pinhole.height))
         continue;
       point.observations.push_back({k, lens.Distort(ideal)});

@@ -206,6 +206,18 @@ TEST(BlocksExchange, ChoosesTheLargestComponentOrTheWantedOne) {
   EXPECT_THAT(ParseExchange(text, 3).Message(), HasSubstr("1 (3 images), 2 (2 images)"));
 }
 
+TEST(BlocksExchange, KeepsTiePointsWithoutPosition) {
+  const ImportedBlock truth = ExchangeTruth();
+  std::string text = WriteBlocksExchange(truth, {});
+  const size_t begin = text.find("<TiePoint><Position>") + 10, end = text.find("</Position>", begin) + 11;
+  text.erase(begin, end - begin);
+  const ImportedBlock block = ExpectExchange(text);
+  ASSERT_EQ(block.points.size(), truth.points.size());
+  EXPECT_EQ(block.points[0].position, Eigen::Vector3d::Zero());
+  EXPECT_EQ(block.points[0].observations.size(), truth.points[0].observations.size());
+  EXPECT_LT((block.points[1].position - truth.points[1].position).norm(), 1e-4);
+}
+
 TEST(BlocksExchange, ReadsControlPoints) {
   const ImportedBlock truth = ExchangeTruth();
   const std::string points = absl::StrReplaceAll(WriteExchangeTiePoints(truth, {}), {{"TiePoint", "ControlPoint"}});

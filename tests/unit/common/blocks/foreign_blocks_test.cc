@@ -41,6 +41,7 @@ TEST(ForeignBlocks, NamesProgramAndWhatToExport) {
       {"block.rcproj", xml + "<Project/>", "RealityScan", "XMP or as CSV"},
       {"site.p4d", xml + "<x/>", "Pix4D", "calibrated_camera_parameters.txt"},
       {"sfm_data.json", "{\"sfm_data_version\": \"0.3\"}", "OpenMVG", "openMVG2"},
+      {"block.xml", "version https://git-lfs.github.com/spec/v1\n", "Git LFS pointer", "git lfs pull"},
       {"block.zip", std::string("PK\3\4..."), "ZIP", "unpack"},
   };
   StatusOr<TempFolder> folder = TempFolder::Create("");
@@ -63,6 +64,7 @@ TEST(ForeignBlocks, DoesNotKnowOtherContent) {
   EXPECT_FALSE(RecogniseForeignBlock("a.txt", "some text").has_value());
   EXPECT_FALSE(RecogniseForeignBlock("a.json", "{\"views\": 3}").has_value());
   EXPECT_FALSE(RecogniseForeignBlock("a.json", "").has_value());
+  EXPECT_FALSE(RecogniseForeignBlock("a.xml", "<?xml version=\"1.0\"?><Other/>").has_value());
   Warnings warnings;
   EXPECT_THAT(ReadBlock("/does/not/exist", std::nullopt, {}, &warnings).status().message(),
               HasSubstr("no block of a known format, expected one of "));
@@ -79,7 +81,7 @@ TEST(ForeignBlocks, LooksIntoFolders) {
   ASSERT_TRUE(WriteFileAtomic(folder->path() + "/Data/Tile_+000_+000/x.osgb", osgb).ok());
   const std::optional<ForeignBlock> found = FindForeignBlock(folder->path());
   ASSERT_TRUE(found.has_value());
-  EXPECT_THAT(found->name, HasSubstr("(OSGB), Data/Tile_+000_+000/x.osgb"));
+  EXPECT_THAT(found->name, HasSubstr("an OSGB file, Data/Tile_+000_+000/x.osgb"));
 }
 
 }  // namespace

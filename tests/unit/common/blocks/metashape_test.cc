@@ -108,6 +108,25 @@ TEST(Metashape, GeoreferencedChunksAreEarthCentred) {
   EXPECT_THAT(result.warnings, ElementsAre(HasSubstr("taken as WGS 84")));
 }
 
+// Their coordinates are in the reference, the poses are earth-centred.
+TEST(Metashape, MarkersOfGeoreferencedChunksAreLeftOut) {
+  const ImportedBlock truth = MakeTruthBlock({.centre = kEarthPoint});
+  MetashapeWriteOptions options{.has_component = true, .has_chunk = false, .reference = kWgs84};
+  options.component = SomeWorld(kEarthPoint, 12.3);
+  const std::string text = absl::StrReplaceAll(
+      WriteMetashapeXml(truth, options),
+      {{"</cameras>\n",
+        "</cameras>\n<markers><marker id=\"2\" label=\"m\"><reference x=\"2.3\" y=\"48.8\" "
+        "z=\"30\"/></marker></markers>"
+        "<frames><frame id=\"0\"><markers><marker marker_id=\"2\"><location camera_id=\"10\" x=\"5\" y=\"6\"/>"
+        "</marker></markers></frame></frames>\n"}});
+  const MetashapeResult result = ParseMeta(text);
+  EXPECT_EQ(result.Message(), "");
+  EXPECT_THAT(result.block.left_out, ElementsAre("1 markers with coordinates in another system than the poses"));
+  EXPECT_THAT(result.block.control_points, IsEmpty());
+  ExpectBlockNear(result.block, truth);
+}
+
 TEST(Metashape, ARepeatedTransformAppliesOnce) {
   const ImportedBlock truth = MakeTruthBlock({.centre = kEarthPoint});
   MetashapeWriteOptions options{.has_component = true, .has_chunk = false, .reference = kWgs84};

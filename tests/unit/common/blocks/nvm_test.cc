@@ -78,7 +78,8 @@ TEST(NvmTest, ReadsColmapsFileAsItIs) {
     ImportedBlock truth = NvmTruth(lens);
     for (BlockCamera& camera : truth.cameras) camera.lens.coefficients[0] = truth.cameras[0].lens.coefficients[0];
     for (BlockTiePoint& point : truth.points) {
-      for (BlockObservation& o : point.observations) o.position_px = ProjectInBlock(truth, o.image, point.position);
+      for (BlockObservation& o : point.observations)
+        o.position_px = ProjectInBlock(truth, truth.images[o.image], point.position);
     }
     const double k = truth.cameras[0].lens.coefficients[0];
     for (const bool has_matrices : {false, true}) {
@@ -117,7 +118,8 @@ TEST(NvmTest, ReadsFixedLens) {
   ImportedBlock truth = MakeTruthBlock(options);
   truth.cameras[1].lens = truth.cameras[0].lens;
   for (BlockTiePoint& point : truth.points) {
-    for (BlockObservation& o : point.observations) o.position_px = ProjectInBlock(truth, o.image, point.position);
+    for (BlockObservation& o : point.observations)
+      o.position_px = ProjectInBlock(truth, truth.images[o.image], point.position);
   }
   const PinholeCamera& p = truth.cameras[0].lens.pinhole;
   const std::string header = absl::StrFormat("NVM_V3 FixedK %.17g %.17g %.17g %.17g", p.fx, p.cx, p.fy, p.cy);
@@ -241,10 +243,13 @@ TEST(NvmTest, TakesSizesOfTheImageFiles) {
   }
   Faults faults;
   Warnings warnings;
-  ReadNvm(folder + "/block.nvm", {}, &faults, &warnings);
+  BlockReadOptions elsewhere;
+  elsewhere.photographs.folders = {folder + "/elsewhere"};
+  EXPECT_THAT(ReadNvm(folder + "/block.nvm", elsewhere, &faults, &warnings).missing_images,
+              SizeIs(truth.images.size()));
   EXPECT_THAT(faults.messages(), SizeIs(truth.images.size()));
   BlockReadOptions options;
-  options.images_folder = folder + "/photos";
+  options.photographs.folders = {folder + "/photos"};
   Faults none;
   const ImportedBlock block = ReadNvm(folder + "/block.nvm", options, &none, &warnings);
   EXPECT_THAT(none.messages(), IsEmpty());

@@ -86,7 +86,8 @@ TEST(OpenMvs, ReadsSharesOfTheLongerSideWithTheSizesOfImages) {
   EXPECT_THAT(read.block.conventions, testing::Contains(HasSubstr("shares of the longer side")));
   ImportedBlock other = truth;
   other.images[2].path = "images/c.jpg";
-  EXPECT_THAT(ParseMvs(WriteOpenMvs(other, how)).faults, HasSubstr("image 2 (images/c.jpg): found no image size"));
+  EXPECT_THAT(ParseMvs(WriteOpenMvs(other, how)).faults,
+              AllOf(HasSubstr("image 2 (images/c.jpg): found "), HasSubstr("the format states no image size")));
 }
 
 TEST(OpenMvs, ReadsSkew) {
@@ -177,13 +178,14 @@ TEST(OpenMvs, TakesSizesOfImagesBesideTheFileOrInTheFolderOfTheOption) {
   const std::string scene = folder->path() + "/scene.mvs";
   ASSERT_TRUE(WriteFileAtomic(scene, WriteOpenMvs(truth, how)).ok());
   Warnings warnings;
-  EXPECT_THAT(ReadBlock(scene, std::nullopt, {}, &warnings).status().message(), HasSubstr("no file of this name"));
+  EXPECT_THAT(ReadBlock(scene, std::nullopt, {}, &warnings).status().message(),
+              HasSubstr("no file of image 'images/a/IMG_100.jpg', expected one image file"));
   std::filesystem::create_directories(folder->path() + "/images/a");
   std::filesystem::create_directories(folder->path() + "/other");
   ASSERT_TRUE(WritePng(folder->path() + "/images/a/IMG_100.jpg", ByteImage(40, 30, 1)).ok());
   ASSERT_TRUE(WritePng(folder->path() + "/other/IMG_101.jpg", ByteImage(28, 36, 1)).ok());
   BlockReadOptions options;
-  options.images_folder = folder->path() + "/other";
+  options.photographs.folders = {folder->path() + "/other"};
   const StatusOr<ImportedBlock> block = ReadBlock(scene, std::nullopt, options, &warnings);
   ASSERT_TRUE(block.ok()) << block.status();
   EXPECT_EQ(block->format, "openmvs");

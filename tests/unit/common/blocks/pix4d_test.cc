@@ -39,7 +39,8 @@ ImportedBlock Pix4dTruth(LensModel::Kind lens, double k3 = 0) {
     c[5] = 0;  // Pix4D has no term of r^8
   }
   for (BlockTiePoint& point : block.points) {
-    for (BlockObservation& o : point.observations) o.position_px = ProjectInBlock(block, o.image, point.position);
+    for (BlockObservation& o : point.observations)
+      o.position_px = ProjectInBlock(block, block.images[o.image], point.position);
   }
   return block;
 }

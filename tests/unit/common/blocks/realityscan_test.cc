@@ -129,7 +129,8 @@ TEST(RealityScanTest, ReadsTables) {
     ImportedBlock truth = RealityScanTruth(lens);
     for (BlockCamera& camera : truth.cameras) camera.lens.coefficients[6] = 0;  // tables have no skew
     for (BlockTiePoint& point : truth.points) {
-      for (BlockObservation& o : point.observations) o.position_px = ProjectInBlock(truth, o.image, point.position);
+      for (BlockObservation& o : point.observations)
+        o.position_px = ProjectInBlock(truth, truth.images[o.image], point.position);
     }
     for (const bool is_new : {true, false}) {
       ImportedBlock block;
@@ -187,17 +188,16 @@ TEST(RealityScanTest, FindsPhotographsInAnotherFolder) {
   truth.points.clear();
   WriteRealityScanFolder(truth, folder + "/sidecars", folder + "/photographs", "brown3");
   EXPECT_THAT(ReadRealityScanAt(folder + "/sidecars").faults,
-              ElementsAre(HasSubstr("IMG_100.xmp: found no image of this name beside the sidecar, expected the "),
-                          HasSubstr("IMG_101.xmp")));
+              ElementsAre(HasSubstr("images/a/IMG_100', expected one image file"), HasSubstr("IMG_101.xmp")));
   BlockReadOptions options;
-  options.images_folder = folder + "/photographs";
+  options.photographs.folders = {folder + "/photographs"};
   const RealityScanResult result = ReadRealityScanAt(folder + "/sidecars", options);
   EXPECT_THAT(result.faults, IsEmpty());
   ASSERT_THAT(result.block.images, SizeIs(2));
   EXPECT_EQ(result.block.images[0].path, folder + "/photographs/images/a/IMG_100.jpg");
   WriteImageHeader(folder + "/photographs/images/a/IMG_100.png", 10, 10);
   EXPECT_THAT(ReadRealityScanAt(folder + "/sidecars", options).faults,
-              ElementsAre(HasSubstr("found several images of this name: ")));
+              ElementsAre(HasSubstr("photographs/images/a/IMG_100.jpg or " + folder)));
 }
 
 TEST(RealityScanTest, ReadsOneComponent) {

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "common/importing/proof/proof.h"
 #include "tests/support/blocks/truth_block.h"
 
 namespace tessera {
@@ -60,11 +61,7 @@ double LargestError_px(const ImportedBlock& block) {
   for (const BlockTiePoint& point : block.points) {
     for (const BlockObservation& observation : point.observations) {
       const BlockImage& image = block.images[observation.image];
-      const LensModel& lens = block.cameras[image.camera].lens;
-      const Eigen::Vector3d x = image.rotation_cam_from_block * (point.position - image.centre);
-      const Eigen::Vector2d ideal(lens.pinhole.fx * x.x() / x.z() + lens.pinhole.cx,
-                                  lens.pinhole.fy * x.y() / x.z() + lens.pinhole.cy);
-      largest = std::max(largest, (lens.Distort(ideal) - observation.position_px).norm());
+      largest = std::max(largest, (ProjectInBlock(block, image, point.position) - observation.position_px).norm());
     }
   }
   return largest;
@@ -230,6 +227,21 @@ TEST(FramesTest, ProgramsThatAdjustInTheGridNeedTheGrid) {
   EXPECT_EQ(turned->block.control_points[0].position, turned->block.points[0].position);
 }
 
+// They are triangulated in the scene.
+TEST(FramesTest, TiePointsWithoutPositionStayWithoutOne) {
+  ImportedBlock block = BlockAt("EPSG:32632", {690000, 5350000, 500});
+  const Eigen::Vector3d position = block.points[2].position;
+  block.points[2].position.setZero();
+  Warnings warnings;
+  StatusOr<PlacedBlock> placed = PlaceBlock(block, FrameChoice::kTrue, {}, &warnings);
+  ASSERT_TRUE(placed.ok()) << placed.status();
+  EXPECT_EQ(placed->block.points[2].position, Eigen::Vector3d::Zero());
+  EXPECT_LT((placed->block.points[3].position - InScene(placed->map, block.points[3].position)).norm(), 1e-9);
+  const Proof proof = MeasureProof(&placed->block, {});
+  EXPECT_EQ(proof.triangulated, 1);
+  EXPECT_LT((placed->block.points[2].position - InScene(placed->map, position)).norm(), 0.5);
+}
+
 TEST(FramesTest, MeshesOfAnotherSystemAndOffset) {
   Warnings warnings;
   const ImportedBlock block = BlockAt("EPSG:32631", {452000, 5412000, 100});
@@ -248,7 +260,8 @@ TEST(FramesTest, MeshesOfAnotherSystemAndOffset) {
     Eigen::Vector3d g = in_block;
     ASSERT_TRUE(utm.Locate(g).ok() && utm.ToGeodetic({&g, 1}).ok());
     const Eigen::Vector3d angles(g.y() / kFramesDegree, g.x() / kFramesDegree, g.z());
-    const StatusOr<SceneMap> other = SceneMap::Open({"EPSG:4979", Eigen::Vector3d::Zero()}, placed->map.scene(), {}, angles);
+    const StatusOr<SceneMap> other =
+        SceneMap::Open({"EPSG:4979", Eigen::Vector3d::Zero()}, placed->map.scene(), {}, angles);
     ASSERT_TRUE(other.ok()) << other.status();
     EXPECT_LT((InScene(*other, angles) - expected).norm(), 1e-6);
     EXPECT_FALSE(SceneMap::Open({"", Eigen::Vector3d::Zero()}, placed->map.scene(), {}, {0, 0, 0}).ok());

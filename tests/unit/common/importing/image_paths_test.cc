@@ -23,8 +23,8 @@ class FindImagesTest : public testing::Test {
     folder_.emplace(*std::move(folder));
     root_ = fs::canonical(folder_->path()).string();
     fs::create_directories(root_ + "/project");
-    search_.source = root_ + "/project/block.xml";
-    ASSERT_TRUE(WriteFileAtomic(search_.source, "").ok());
+    source_ = root_ + "/project/block.xml";
+    ASSERT_TRUE(WriteFileAtomic(source_, "").ok());
   }
   std::string Make(const std::string& name) {
     const std::string path = absl::StrCat(root_, "/", name);
@@ -33,18 +33,21 @@ class FindImagesTest : public testing::Test {
     return path;
   }
   void Find(const std::vector<std::string>& paths) {
-    std::vector<BlockImage> images(paths.size());
+    ImportedBlock block;
+    block.images.resize(paths.size());
     for (size_t i = 0; i < paths.size(); ++i) {
-      images[i].path = paths[i];
-      images[i].location = absl::StrCat("photo ", i);
+      block.images[i].path = paths[i];
+      block.images[i].location = absl::StrCat("photo ", i);
     }
+    block.missing_images = missing_;
     faults_ = Faults();
-    found_ = FindImages(images, search_, &faults_);
+    found_ = FindImages(block, source_, search_, &faults_);
   }
 
   std::optional<TempFolder> folder_;
-  std::string root_;
-  ImageSearch search_;
+  std::string root_, source_;
+  PhotographSearch search_;
+  std::vector<std::string> missing_;
   Faults faults_;
   std::vector<FoundImage> found_;
 };
@@ -121,6 +124,24 @@ TEST_F(FindImagesTest, TheLastFaultNamesTheOptionThatFindsMostMissingImages) {
                                      "/photos' finds 2")));
 }
 
+// Their reader needed the file for the size, and left the image out.
+TEST_F(FindImagesTest, TheLastFaultCountsImagesThatTheReaderMissed) {
+  Make("photos/may/IMG_1.jpg"), Make("photos/may/IMG_2.jpg"), Make("project/IMG_3.jpg");
+  missing_ = {"D:\\x\\may\\IMG_1.jpg", "D:\\x\\may\\IMG_2.jpg"};
+  Find({"D:\\x\\IMG_3.jpg"});
+  EXPECT_THAT(faults_.messages(),
+              ElementsAre(HasSubstr(absl::StrCat("no file for 2 of 3 images, expected all of them: --image-path "
+                                                 "'D:/x'='",
+                                                 root_, "/photos' finds 2"))));
+}
+
+// A replaced path would have to name a file.
+TEST_F(FindImagesTest, ForLabelsTheFolderIsNamed) {
+  Make("photos/may/IMG_1.jpg");
+  Find({"may/IMG_1"});
+  EXPECT_THAT(faults_.messages().back(), HasSubstr(absl::StrCat("--images '", root_, "/photos' finds 1")));
+}
+
 TEST_F(FindImagesTest, ScenesOfEarlierImportsAreNotSearched) {
   const std::string file = Make("project/IMG_1.jpg");
   Make("project/scene/images/IMG_1.jpg"), Make("project/scene/import.json");
@@ -129,10 +150,11 @@ TEST_F(FindImagesTest, ScenesOfEarlierImportsAreNotSearched) {
 }
 
 TEST_F(FindImagesTest, ImagesWithoutAPoseNeedNoFile) {
-  BlockImage image;
-  image.path = "IMG_1.jpg";
-  image.oriented = false;
-  found_ = FindImages({image}, search_, &faults_);
+  ImportedBlock block;
+  block.images.resize(1);
+  block.images[0].path = "IMG_1.jpg";
+  block.images[0].oriented = false;
+  found_ = FindImages(block, source_, search_, &faults_);
   EXPECT_TRUE(faults_.empty());
 }
 
