@@ -7,13 +7,16 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/json_bounds.h"
+#include "common/exporting/changes/changes_format.h"
 #include "common/exporting/export_map.h"
 
 namespace tessera {
 namespace {
 
 // By name.
-constexpr std::array<ExportFormat, 0> kExportFormats = {};
+constexpr ExportFormat kExportFormats[] = {
+    {.name = "changes", .what = "changed areas of an update, GeoJSON", .reads_changes = true, .join = JoinChanges},
+};
 
 constexpr std::array<std::string_view, 4> kVertexColors = {"class", "image", "confidence", "displacement"};
 

@@ -53,6 +53,7 @@ struct JoinInput {
     bool set_aside = false;
   };
   std::vector<Item> sheets;  // by y, then x
+  std::string changes_path;  // changes.geojson of an update's result, if the row asks for it; empty: there is none
 };
 
 // A file that the function of a sheet writes for the joining function; it is not delivered.
@@ -67,6 +68,7 @@ struct ExportFormat {
   bool colored = false;            // it has vertex colours: SheetInput::sheet has colors if they are asked for
   bool has_part = false;           // the sheet's function writes kPartFile
   bool join_reads_sheets = false;  // JoinInput::Item::sheet_path
+  bool reads_changes = false;      // JoinInput::changes_path; without it there is nothing to export
   // Writes the files of a sheet to `folder`, which exists; returns their names relative to it, without kPartFile. May
   // be null. The same input gives the same bytes.
   StatusOr<std::vector<std::string>> (*write_sheet)(const SheetInput&, const std::string& folder,
