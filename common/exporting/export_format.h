@@ -79,12 +79,13 @@ struct ExportFormat {
 
 // All formats, by name.
 std::span<const ExportFormat> ExportFormats();
-// Null if there is none.
-const ExportFormat* FindExportFormat(std::string_view name);
+// Null if `formats` has none of this name.
+const ExportFormat* FindExportFormat(std::string_view name, std::span<const ExportFormat> formats = ExportFormats());
 
 // Refuses before work what cannot succeed. INVALID_ARGUMENT names every fault: an unknown format or none, a system for
 // a scene without one, a missing grid, a gsd that is not positive.
-Status CheckExport(const ExportOptions& options, const ExportScene& scene);
+Status CheckExport(const ExportOptions& options, const ExportScene& scene,
+                   std::span<const ExportFormat> formats = ExportFormats());
 
 // Canonical JSON of the options, part of task keys.
 std::string ExportOptionsToJson(const ExportOptions& options);

@@ -4,10 +4,8 @@
 #include <atomic>
 #include <cmath>
 #include <filesystem>
-#include <map>
-#include <mutex>
+#include <functional>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -76,8 +74,9 @@ Status MoveFiles(const std::vector<std::string>& names, const std::string& from,
 // One export, a member function a stage.
 class FolderExport {
  public:
-  FolderExport(const ExportRequest& request, Warnings* warnings, const TaskControl& control)
-      : request_(request), options_(request.options), warnings_(*warnings), control_(control) {}
+  FolderExport(const ExportRequest& request, std::span<const ExportFormat> table, Warnings* warnings,
+               const TaskControl& control)
+      : request_(request), options_(request.options), table_(table), warnings_(*warnings), control_(control) {}
 
   StatusOr<std::vector<ExportedFormat>> Run() {
     control_.Report(0, "checking");
@@ -104,7 +103,7 @@ class FolderExport {
  private:
   Status Open() {
     for (const std::string& name : options_.formats) {
-      const ExportFormat* const format = FindExportFormat(name);
+      const ExportFormat* const format = FindExportFormat(name, table_);
       if (format == nullptr) continue;  // CheckExport names it
       formats_.push_back(format);
       needs_sheets_ |= format->write_sheet != nullptr || format->join_reads_sheets;
@@ -123,7 +122,7 @@ class FolderExport {
 
   Status CheckBeforeWork() {
     Faults faults;
-    faults.Add(CheckExport(options_, result_.scene));
+    faults.Add(CheckExport(options_, result_.scene, table_));
     if (needs_photographs_ && !result_.described) {
       faults.Add(InputError("--scene", "", "none", "the folder of the scene: its photographs are needed"));
     }
@@ -171,7 +170,7 @@ class FolderExport {
   }
 
   Status Split() {
-    if (!needs_sheets_) return absl::OkStatus();
+    if (!needs_sheets_) return FindBoxes();
     SplitFileOptions split;
     split.read.warnings = &warnings_;
     split.read.file_in_warnings = result_.mesh_path;
@@ -257,11 +256,12 @@ class FolderExport {
 
   // Changes all sheets of the result by `change`, which may read the sheets as they were before.
   Status Step(double low, double high, const std::string& stage, const std::function<Status(size_t, Sheet*)>& change) {
-    TESSERA_RETURN_IF_ERROR(ForEach(low, high, stage, [&](size_t i) -> Status {
+    const Status written = ForEach(low, high, stage, [&](size_t i) -> Status {
       TESSERA_ASSIGN_OR_RETURN(Sheet sheet, ReadSheet(SheetPath(result_sheets_, sheets_[i].id)));
       TESSERA_RETURN_IF_ERROR(change(i, &sheet));
       return WriteSheet(SheetPath(step_sheets_, sheets_[i].id), sheet);
-    }));
+    });
+    TESSERA_RETURN_IF_ERROR(written);
     std::swap(result_sheets_, step_sheets_);
     return absl::OkStatus();
   }
@@ -401,6 +401,7 @@ class FolderExport {
 
   const ExportRequest& request_;
   const ExportOptions& options_;
+  const std::span<const ExportFormat> table_;
   Warnings& warnings_;
   const TaskControl& control_;
 
@@ -423,8 +424,8 @@ class FolderExport {
 }  // namespace
 
 StatusOr<std::vector<ExportedFormat>> ExportFolder(const ExportRequest& request, Warnings* warnings,
-                                                   const TaskControl& control) {
-  return FolderExport(request, warnings, control).Run();
+                                                   const TaskControl& control, std::span<const ExportFormat> formats) {
+  return FolderExport(request, formats, warnings, control).Run();
 }
 
 }  // namespace tessera

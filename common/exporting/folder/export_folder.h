@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -34,6 +35,7 @@ struct ExportedFormat {
 // photographs, the start mesh, changes.geojson. RESOURCE_EXHAUSTED if the disk has too little space, ALREADY_EXISTS if
 // `out` has files, errors of the formats, CANCELLED. Sheets are worked on in parallel as cores and memory allow.
 StatusOr<std::vector<ExportedFormat>> ExportFolder(const ExportRequest& request, Warnings* warnings,
-                                                   const TaskControl& control);
+                                                   const TaskControl& control,
+                                                   std::span<const ExportFormat> formats = ExportFormats());
 
 }  // namespace tessera
