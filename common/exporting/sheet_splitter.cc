@@ -83,10 +83,12 @@ StatusOr<SheetId> SheetOfFace(const SplitMesh& mesh, size_t face) {
 
 StatusOr<FaceSheets> GroupFaces(const SplitMesh& mesh, const std::string& scratch_folder, const TaskControl& control) {
   const size_t count = mesh.faces.size();
+  if (count > std::numeric_limits<uint32_t>::max()) {
+    return absl::InvalidArgumentError(absl::StrCat("found ", count, " faces, expected at most 4294967295"));
+  }
   TESSERA_ASSIGN_OR_RETURN(auto number_of, ScratchArray<uint32_t>::Create(scratch_folder, count));
   SheetNumbers numbers(mesh.options.allowed);
   std::vector<size_t> faces_of;
-  std::vector<SheetId> ids(kFaceGrain);
   for (size_t begin = 0; begin < count; begin += kFaceGrain) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(begin) / static_cast<double>(count), "sorting faces into sheets");

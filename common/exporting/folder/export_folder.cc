@@ -13,11 +13,13 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/base/machine_limits.h"
+#include "common/base/parallel.h"
 #include "common/exporting/export_map.h"
 #include "common/exporting/folder/result_folder.h"
 #include "common/exporting/folder/split_mesh_file.h"
 #include "common/exporting/folder/staging.h"
 #include "common/exporting/sheet_views.h"
+#include "common/job/task_parameters.h"
 #include "common/storage/files.h"
 #include "common/storage/hash.h"
 
@@ -173,7 +175,7 @@ class FolderExport {
     if (!needs_sheets_) return FindBoxes();
     SplitFileOptions split;
     split.read.warnings = &warnings_;
-    split.read.file_in_warnings = result_.mesh_path;
+    split.read.file_in_warnings = kMeshFile;
     split.read.confidence = true;
     split.scratch_folder = work_;
     split.sheets_folder = result_sheets_;
@@ -193,10 +195,11 @@ class FolderExport {
                                        " may show tiles whose refinement failed: \"set_aside\" in export.json"));
     }
     const int64_t a_worker = kBytesPerWorker + kBytesPerFace * largest;
-    workers_ = static_cast<int>(std::clamp<int64_t>(MemoryLimit_bytes() / 2 / a_worker, 1, CoreLimit()));
+    workers_ = static_cast<int>(
+        std::clamp<int64_t>(MemoryLimit_bytes() / 2 / a_worker, 1, std::min(CoreLimit(), ThreadCount())));
     if (!has_start) return absl::OkStatus();
     split.read.confidence = false;
-    split.read.file_in_warnings = start_path_;
+    split.read.file_in_warnings = fs::path(start_path_).filename().string();
     if (result_.described) split.read.label_property = LabelPropertyOf(*result_.described, start_path_);
     split.sheets_folder = start_sheets_;
     for (const SheetEntry& sheet : sheets_) split.allowed.push_back(sheet.id);

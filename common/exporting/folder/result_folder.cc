@@ -120,7 +120,8 @@ StatusOr<ResultFolder> OpenResultFolder(const std::string& path, const std::stri
   } else if (result.described) {
     TESSERA_ASSIGN_OR_RETURN(result.scene, ExportSceneOfFolder(*result.described, facts.gsd_m));
   } else {
-    return InputError(report_path, "frame", "no such member: the result is of an earlier version",
+    return InputError(report_path, "frame",
+                      FileExists(report_path) ? "no such member: the result is of an earlier version" : "no such file",
                       "--scene SCENE, the folder of the scene that the result was made of");
   }
   const std::string index_path = absl::StrCat(path, "/", kTileIndexFile);

@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -280,7 +283,7 @@ TEST_F(ExportFolderTest, FailedOrCancelledExportsLeaveNothing) {
   EXPECT_FALSE(fs::exists(request_.out));
   // At every point where it may be cancelled.
   request_.options.formats = {"facts", "plain"};
-  int calls = 0, left = 1 << 30;
+  std::atomic<int> calls = 0, left = 1 << 30;
   TaskControl control;
   control.cancelled = [&] { return ++calls, --left < 0; };
   ASSERT_TRUE(Export(control).ok());

@@ -71,7 +71,8 @@ class SheetSplitterTest : public testing::Test {
   Sheet Read(const SheetId& id) const { return ReadSheet(SheetPath(sheets_.path(), id)).value(); }
   std::map<std::string, std::string> Files() const {
     std::map<std::string, std::string> files;
-    for (const std::string& name : ListFiles(sheets_.path()).value()) {
+    const StatusOr<std::vector<std::string>> names = ListFiles(sheets_.path());
+    for (const std::string& name : *names) {
       files[name] = ReadFile(sheets_.path() + "/" + name).value();
     }
     return files;
