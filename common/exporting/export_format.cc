@@ -45,7 +45,7 @@ std::optional<VertexColor> FindVertexColor(std::string_view name) {
   return static_cast<VertexColor>(found - kVertexColors.begin());
 }
 
-Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::span<const ExportFormat> formats) {
+Status CheckFormatNames(const ExportOptions& options, std::span<const ExportFormat> formats) {
   Faults faults;
   if (options.formats.empty()) {
     faults.Add(absl::InvalidArgumentError("formats: found none, expected some of " + FormatNames(formats)));
@@ -55,6 +55,12 @@ Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::
     faults.Add(absl::InvalidArgumentError(
         absl::StrCat("formats: found '", name, "', expected some of ", FormatNames(formats))));
   }
+  return faults.ToStatus();
+}
+
+Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::span<const ExportFormat> formats) {
+  Faults faults;
+  faults.Add(CheckFormatNames(options, formats));
   if (!(options.gsd_m >= 0) || !std::isfinite(options.gsd_m)) {
     faults.Add(absl::InvalidArgumentError(
         absl::StrCat("gsd: found ", options.gsd_m, ", expected a positive number of metres")));

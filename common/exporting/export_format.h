@@ -82,6 +82,9 @@ std::span<const ExportFormat> ExportFormats();
 // Null if `formats` has none of this name.
 const ExportFormat* FindExportFormat(std::string_view name, std::span<const ExportFormat> formats = ExportFormats());
 
+// INVALID_ARGUMENT with all unknown names, and if there is none.
+Status CheckFormatNames(const ExportOptions& options, std::span<const ExportFormat> formats = ExportFormats());
+
 // Refuses before work what cannot succeed. INVALID_ARGUMENT names every fault: an unknown format or none, a system for
 // a scene without one, a missing grid, a gsd that is not positive.
 Status CheckExport(const ExportOptions& options, const ExportScene& scene,

@@ -82,7 +82,15 @@ class FolderExport {
 
   StatusOr<std::vector<ExportedFormat>> Run() {
     control_.Report(0, "checking");
-    TESSERA_RETURN_IF_ERROR(Open());
+    const Status opened = Open();
+    const Status named = CheckFormatNames(options_, table_);
+    if (!opened.ok() && !named.ok()) {
+      Faults faults;
+      faults.Add(named);
+      faults.Add(opened);
+      return faults.ToStatus();
+    }
+    TESSERA_RETURN_IF_ERROR(opened);
     TESSERA_RETURN_IF_ERROR(CheckBeforeWork());
     TESSERA_ASSIGN_OR_RETURN(const ExportStaging staging, ExportStaging::Open(request_.out));
     TESSERA_RETURN_IF_ERROR(CheckSpace());
@@ -117,8 +125,7 @@ class FolderExport {
     needs_colors_ = is_colored_ && options_.color == VertexColor::kImage;
     needs_photographs_ |= needs_colors_;
     wants_start_ |= is_colored_ && options_.color == VertexColor::kDisplacement;
-    TESSERA_ASSIGN_OR_RETURN(result_,
-                             OpenResultFolder(request_.result, request_.scene, needs_photographs_, &warnings_));
+    TESSERA_ASSIGN_OR_RETURN(result_, OpenResultFolder(request_.result, request_.scene, needs_photographs_));
     return absl::OkStatus();
   }
 

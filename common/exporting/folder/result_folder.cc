@@ -66,14 +66,15 @@ StatusOr<std::vector<CellRect>> ReadFailedCores(const std::string& path) {
 }
 
 StatusOr<SceneDescription> LoadSceneOfResult(const std::string& scene_path, const ReportFacts& facts,
-                                             bool needs_photographs, Warnings* warnings) {
+                                             bool needs_photographs) {
   SceneLoadOptions options;
   options.needs_mesh = false;
   options.all_classes = facts.class_names != std::vector<std::string>{OneClass().name};
   options.to_be_classified = options.all_classes;  // likelihoods are not read
   options.skip_images = needs_photographs ? 0 : 1;
   if (facts.scene) options.frame = facts.scene->frame;
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(scene_path, warnings, options));
+  Warnings known;
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(scene_path, &known, options));
   const std::vector<std::string> names = ClassNames(scene);
   if (!facts.class_names.empty() && names != facts.class_names) {
     return InputError(scene_path, "classes", absl::StrJoin(names, ", "),
@@ -102,8 +103,8 @@ bool Overlap(const CellRect& a, const CellRect& b) { return a.x0 < b.x1 && b.x0 
 
 }  // namespace
 
-StatusOr<ResultFolder> OpenResultFolder(const std::string& path, const std::string& scene_path, bool needs_photographs,
-                                        Warnings* warnings) {
+StatusOr<ResultFolder> OpenResultFolder(const std::string& path, const std::string& scene_path,
+                                        bool needs_photographs) {
   ResultFolder result;
   result.mesh_path = absl::StrCat(path, "/", kMeshFile);
   const std::string report_path = absl::StrCat(path, "/", kReportFile);
@@ -113,7 +114,7 @@ StatusOr<ResultFolder> OpenResultFolder(const std::string& path, const std::stri
   }
   TESSERA_ASSIGN_OR_RETURN(const ReportFacts facts, ReadReport(report_path));
   if (!scene_path.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(result.described, LoadSceneOfResult(scene_path, facts, needs_photographs, warnings));
+    TESSERA_ASSIGN_OR_RETURN(result.described, LoadSceneOfResult(scene_path, facts, needs_photographs));
   }
   if (facts.scene) {
     result.scene = *facts.scene;

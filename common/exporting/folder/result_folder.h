@@ -26,9 +26,8 @@ struct ResultFolder {
 
 // Reads report.json and the index of tiles, not the mesh. `scene_path`: the scene's folder, or empty.
 // `needs_photographs`: their files must exist. INVALID_ARGUMENT if `path` is no result, if report.json has no frame and
-// there is no scene, if the scene is not that of the result, and errors of LoadScene.
-StatusOr<ResultFolder> OpenResultFolder(const std::string& path, const std::string& scene_path, bool needs_photographs,
-                                        Warnings* warnings);
+// there is no scene, if the scene is not that of the result, and errors of LoadScene, whose warnings the job has given.
+StatusOr<ResultFolder> OpenResultFolder(const std::string& path, const std::string& scene_path, bool needs_photographs);
 
 // Whether the sheet may have faces of tiles whose refinement failed.
 bool IsSetAside(const ResultFolder& result, const SheetId& sheet);

@@ -218,8 +218,12 @@ TEST_F(ExportFolderTest, PhotographsAreThoseThatShowTheSheet) {
 TEST_F(ExportFolderTest, ResultsOfEarlierVersionsTakeTheFrameOfTheScene) {
   WriteReport(/*with_frame=*/false);
   EXPECT_THAT(Message(), AllOf(HasSubstr("report.json: frame: found no such member"), HasSubstr("--scene SCENE")));
+  request_.options.formats = {"facts", "nonsense"};
+  EXPECT_THAT(Message(), AllOf(HasSubstr("'nonsense'"), HasSubstr("--scene SCENE")));
+  request_.options.formats = {"facts", "plain"};
   request_.scene = folder_ + "/scene";
   ASSERT_TRUE(Export().ok());
+  EXPECT_THAT(warnings_, testing::IsEmpty()) << "the job has given those of the scene";
   EXPECT_EQ(Index()["sheets"].size(), 4u) << "cells of 16 m, as CellSide_m of the GSD says";
 }
 
@@ -250,6 +254,27 @@ TEST_F(ExportFolderTest, LabelsThatAreNoClassAreErrors) {
   mesh_.labels[3] = 3;
   ASSERT_TRUE(WritePly(request_.result + "/mesh.ply", mesh_).ok());
   EXPECT_THAT(Message(), HasSubstr("face 3: found label 3, expected 0 to 2"));
+  EXPECT_FALSE(fs::exists(request_.out));
+}
+
+TEST_F(ExportFolderTest, PartsThatTheSystemDoesNotCoverAreErrors) {
+  const auto v = static_cast<uint32_t>(mesh_.vertices.size());
+  for (const Eigen::Vector3d& p : {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0)}) {
+    mesh_.vertices.push_back(Eigen::Vector3d(9e8, 5334016, 520) + p);
+  }
+  mesh_.faces.push_back({v, v + 1, v + 2});
+  mesh_.labels.push_back(0);
+  ASSERT_TRUE(WritePly(request_.result + "/mesh.ply", mesh_).ok());
+  request_.options.crs = "EPSG:25833";
+  EXPECT_THAT(Message(), AllOf(HasSubstr("sheet "), HasSubstr("the system does not cover it")));
+  EXPECT_FALSE(fs::exists(request_.out));
+}
+
+TEST_F(ExportFolderTest, TooLittleSpaceIsAnErrorBeforeWork) {
+  fs::resize_file(request_.result + "/mesh.ply", fs::space(folder_).available);  // takes no space
+  const Status status = Export().status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+  EXPECT_THAT(std::string(status.message()), HasSubstr("name a folder on another disk with --out"));
   EXPECT_FALSE(fs::exists(request_.out));
 }
 
@@ -290,7 +315,7 @@ TEST_F(ExportFolderTest, FailedOrCancelledExportsLeaveNothing) {
   fs::remove_all(request_.out);
   const int all = calls;
   ASSERT_GT(all, 20);
-  for (int after = 0; after < all; after += 7) {
+  for (int after = 0; after < all; after += all / 12) {
     left = after;
     EXPECT_EQ(Export(control).status().code(), absl::StatusCode::kCancelled) << after;
     EXPECT_FALSE(fs::exists(request_.out)) << after;
