@@ -71,10 +71,12 @@ StatusOr<SceneDescription> LoadSceneOfResult(const std::string& scene_path, cons
   options.needs_mesh = false;
   options.all_classes = facts.class_names != std::vector<std::string>{OneClass().name};
   options.to_be_classified = options.all_classes;  // likelihoods are not read
-  options.skip_images = needs_photographs ? 0 : 1;
   if (facts.scene) options.frame = facts.scene->frame;
-  Warnings known;
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(scene_path, &known, options));
+  Warnings known;  // the job has given them
+  Faults faults;
+  SceneDescription scene = LoadSceneCollecting(scene_path, options, &known, &faults);
+  // Images may be missing if no photograph is read.
+  if (needs_photographs || scene.unusable_images == 0) TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   const std::vector<std::string> names = ClassNames(scene);
   if (!facts.class_names.empty() && names != facts.class_names) {
     return InputError(scene_path, "classes", absl::StrJoin(names, ", "),

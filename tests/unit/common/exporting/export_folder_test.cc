@@ -208,11 +208,12 @@ TEST_F(ExportFolderTest, PhotographsAreThoseThatShowTheSheet) {
   ASSERT_TRUE(Export().ok());
   EXPECT_THAT(ReadText(request_.out + "/photos/data/" + Index()["sheets"][0]["sheet"].get<std::string>() + ".txt"),
               testing::ContainsRegex("[1-5] views"));
-  fs::remove_all(folder_ + "/scene/images");
+  const fs::path images = folder_ + "/scene/images";
+  for (const auto& image : fs::directory_iterator(images)) fs::remove(image);
   request_.out = folder_ + "/other";
-  EXPECT_THAT(Message(), HasSubstr("images"));
+  EXPECT_THAT(Message(), HasSubstr("images/"));
   request_.options.formats = {"plain"};
-  EXPECT_TRUE(Export().ok()) << "needs no photographs";
+  EXPECT_EQ(Export().status(), absl::OkStatus()) << "needs no photographs";
 }
 
 TEST_F(ExportFolderTest, ResultsOfEarlierVersionsTakeTheFrameOfTheScene) {
@@ -307,7 +308,7 @@ TEST_F(ExportFolderTest, FailedOrCancelledExportsLeaveNothing) {
   EXPECT_THAT(Message(), HasSubstr("failed on purpose"));
   EXPECT_FALSE(fs::exists(request_.out));
   // At every point where it may be cancelled.
-  request_.options.formats = {"facts", "plain"};
+  request_.options.formats = {"facts"};
   std::atomic<int> calls = 0, left = 1 << 30;
   TaskControl control;
   control.cancelled = [&] { return ++calls, --left < 0; };
@@ -315,7 +316,7 @@ TEST_F(ExportFolderTest, FailedOrCancelledExportsLeaveNothing) {
   fs::remove_all(request_.out);
   const int all = calls;
   ASSERT_GT(all, 20);
-  for (int after = 0; after < all; after += all / 12) {
+  for (int after = 0; after < all; after += all / 5) {
     left = after;
     EXPECT_EQ(Export(control).status().code(), absl::StatusCode::kCancelled) << after;
     EXPECT_FALSE(fs::exists(request_.out)) << after;

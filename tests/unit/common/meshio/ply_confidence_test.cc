@@ -91,7 +91,7 @@ TEST_F(PlyConfidenceTest, TextThatIsNoNumberIsAnError) {
   WriteAscii("property float confidence\n", "3 0 1 2 high\n3 0 2 3 1\n");
   ConfidenceSink sink;
   EXPECT_THAT(std::string(StreamPly(path_, WithConfidence(), &sink).message()),
-              testing::HasSubstr("line 14 (face 0): found confidence"));
+              testing::HasSubstr("line 15 (face 0): found confidence"));
 }
 
 }  // namespace
