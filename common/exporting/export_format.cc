@@ -7,19 +7,22 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/json_bounds.h"
+#include "common/exporting/changes/changes_format.h"
 #include "common/exporting/export_map.h"
 
 namespace tessera {
 namespace {
 
 // By name.
-constexpr std::array<ExportFormat, 0> kExportFormats = {};
+constexpr ExportFormat kExportFormats[] = {
+    {.name = "changes", .what = "changed areas of an update, GeoJSON", .reads_changes = true, .join = JoinChanges},
+};
 
 constexpr std::array<std::string_view, 4> kVertexColors = {"class", "image", "confidence", "displacement"};
 
-std::string FormatNames() {
+std::string FormatNames(std::span<const ExportFormat> formats) {
   std::string names;
-  for (const ExportFormat& format : ExportFormats())
+  for (const ExportFormat& format : formats)
     absl::StrAppend(&names, names.empty() ? "" : ", ", std::string(format.name));
   return names;
 }
@@ -28,8 +31,7 @@ std::string FormatNames() {
 
 std::span<const ExportFormat> ExportFormats() { return kExportFormats; }
 
-const ExportFormat* FindExportFormat(std::string_view name) {
-  const auto formats = ExportFormats();
+const ExportFormat* FindExportFormat(std::string_view name, std::span<const ExportFormat> formats) {
   const auto found =
       std::find_if(formats.begin(), formats.end(), [&](const ExportFormat& f) { return f.name == name; });
   return found == formats.end() ? nullptr : &*found;
@@ -43,16 +45,22 @@ std::optional<VertexColor> FindVertexColor(std::string_view name) {
   return static_cast<VertexColor>(found - kVertexColors.begin());
 }
 
-Status CheckExport(const ExportOptions& options, const ExportScene& scene) {
+Status CheckFormatNames(const ExportOptions& options, std::span<const ExportFormat> formats) {
   Faults faults;
   if (options.formats.empty()) {
-    faults.Add(absl::InvalidArgumentError("formats: found none, expected some of " + FormatNames()));
+    faults.Add(absl::InvalidArgumentError("formats: found none, expected some of " + FormatNames(formats)));
   }
   for (const std::string& name : options.formats) {
-    if (FindExportFormat(name) != nullptr) continue;
-    faults.Add(
-        absl::InvalidArgumentError(absl::StrCat("formats: found '", name, "', expected some of ", FormatNames())));
+    if (FindExportFormat(name, formats) != nullptr) continue;
+    faults.Add(absl::InvalidArgumentError(
+        absl::StrCat("formats: found '", name, "', expected some of ", FormatNames(formats))));
   }
+  return faults.ToStatus();
+}
+
+Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::span<const ExportFormat> formats) {
+  Faults faults;
+  faults.Add(CheckFormatNames(options, formats));
   if (!(options.gsd_m >= 0) || !std::isfinite(options.gsd_m)) {
     faults.Add(absl::InvalidArgumentError(
         absl::StrCat("gsd: found ", options.gsd_m, ", expected a positive number of metres")));

@@ -53,6 +53,7 @@ struct JoinInput {
     bool set_aside = false;
   };
   std::vector<Item> sheets;  // by y, then x
+  std::string changes_path;  // changes.geojson of an update's result, if the row asks for it; empty: there is none
 };
 
 // A file that the function of a sheet writes for the joining function; it is not delivered.
@@ -67,6 +68,7 @@ struct ExportFormat {
   bool colored = false;            // it has vertex colours: SheetInput::sheet has colors if they are asked for
   bool has_part = false;           // the sheet's function writes kPartFile
   bool join_reads_sheets = false;  // JoinInput::Item::sheet_path
+  bool reads_changes = false;      // JoinInput::changes_path; without it there is nothing to export
   // Writes the files of a sheet to `folder`, which exists; returns their names relative to it, without kPartFile. May
   // be null. The same input gives the same bytes.
   StatusOr<std::vector<std::string>> (*write_sheet)(const SheetInput&, const std::string& folder,
@@ -77,12 +79,16 @@ struct ExportFormat {
 
 // All formats, by name.
 std::span<const ExportFormat> ExportFormats();
-// Null if there is none.
-const ExportFormat* FindExportFormat(std::string_view name);
+// Null if `formats` has none of this name.
+const ExportFormat* FindExportFormat(std::string_view name, std::span<const ExportFormat> formats = ExportFormats());
+
+// INVALID_ARGUMENT with all unknown names, and if there is none.
+Status CheckFormatNames(const ExportOptions& options, std::span<const ExportFormat> formats = ExportFormats());
 
 // Refuses before work what cannot succeed. INVALID_ARGUMENT names every fault: an unknown format or none, a system for
 // a scene without one, a missing grid, a gsd that is not positive.
-Status CheckExport(const ExportOptions& options, const ExportScene& scene);
+Status CheckExport(const ExportOptions& options, const ExportScene& scene,
+                   std::span<const ExportFormat> formats = ExportFormats());
 
 // Canonical JSON of the options, part of task keys.
 std::string ExportOptionsToJson(const ExportOptions& options);

@@ -215,6 +215,7 @@ static void to_json(json& j, const PublishParameters& p) {
   if (!p.view_names.empty()) j["view_names"] = p.view_names;
   if (!p.kept.empty()) j["kept"] = p.kept;
   if (!p.fit.empty()) j["fit"] = p.fit;
+  if (!p.source.empty()) j["source"] = p.source;
   if (p.outdated) j["outdated"] = true;
   if (!p.quarantined.empty()) j["set_aside"] = p.quarantined;
   if (p.flip_edges) j["flip_edges"] = true;
@@ -227,6 +228,7 @@ static void from_json(const json& j, PublishParameters& p) {
   j.at("warnings").get_to(p.warnings);
   p.view_names = j.value("view_names", std::vector<std::string>());
   p.fit = j.value("fit", std::string());
+  p.source = j.value("source", std::string());
   p.outdated = j.value("outdated", false);
   p.quarantined = j.value("set_aside", std::vector<int>());
   p.flip_edges = j.value("flip_edges", false);

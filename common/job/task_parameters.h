@@ -172,6 +172,7 @@ struct PublishParameters {
   std::vector<std::string> view_names = {};  // of the survey's views; empty if they are too long
   std::vector<std::string> warnings = {};
   std::string fit = {};                                                  // Survey::fit, for the report
+  std::string source = {};                                               // Survey::source, for the report
   std::vector<std::pair<std::string, std::string>> skipped_images = {};  // name and reason; for the report
   bool outdated = false;                                                 // kOutdatedFile is among the inputs
   std::vector<int> quarantined = {};  // tiles whose refinement failed, ascending; they have their previous state

@@ -46,6 +46,8 @@ struct MeshReadOptions {
   // For messages: who names label_property, and how the user says that there are no labels.
   const char* label_option = "scene.json names in \"label_property\"";
   const char* without_labels = "set \"label_property\": null in scene.json";
+  // Reads the property `confidence` of a PLY's faces, which this program writes (MeshSink::SetConfidence).
+  bool confidence = false;
 
   void Warn(const std::string& text) const;
 };
@@ -60,6 +62,7 @@ struct MeshLayout {
   MeshLabels labels = MeshLabels::kNone;
   std::string label_property;  // empty without labels
   bool float_positions = false;
+  bool has_confidence = false;  // only if MeshReadOptions::confidence
 };
 
 // Receives a mesh element by element, in the order of the file.
@@ -69,6 +72,8 @@ class MeshSink {
   // Called first. The file may be shorter than declared.
   virtual Status Begin(const MeshLayout& layout) = 0;
   virtual void AddVertex(const Eigen::Vector3d& position, int32_t label) = 0;  // `label`: 0 unless kOfVertices
+  // If MeshLayout::has_confidence: called before AddFace of each triangle of a face.
+  virtual void SetConfidence(float /*confidence*/) {}
   // The indices may be those of later vertices. If there is no such vertex, the reader returns an error at the end.
   virtual void AddFace(const Triangle& vertices, int32_t label) = 0;  // `label`: 0 unless kOfFaces
 };

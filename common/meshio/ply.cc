@@ -14,12 +14,33 @@ namespace {
 
 constexpr int64_t kTextIndexBytes = 2;  // a digit and a separator
 
+bool HasConfidence(const PlyHeader& header) {
+  for (const PlyElement& element : header.elements) {
+    for (const PlyProperty& property : element.properties) {
+      if (property.role == PlyRole::kConfidence) return true;
+    }
+  }
+  return false;
+}
+
+void FindConfidence(PlyHeader* header) {
+  for (PlyElement& element : header->elements) {
+    if (element.kind != PlyElementKind::kFace) continue;
+    for (PlyProperty& property : element.properties) {
+      if (property.name == "confidence" && !property.is_list && property.role == PlyRole::kOther) {
+        property.role = PlyRole::kConfidence;
+      }
+    }
+  }
+}
+
 // The layout with counts bounded by the size of `source`, which is positioned after the header.
 MeshLayout LayoutOf(const ByteSource& source, const PlyHeader& header) {
   MeshLayout layout;
   layout.labels = header.labels;
   layout.label_property = header.label_property;
   layout.float_positions = header.float_positions;
+  layout.has_confidence = HasConfidence(header);
   const int64_t available = source.size_bytes() - source.offset_bytes();
   for (const PlyElement& element : header.elements) {
     int64_t least = LeastElementBytes(element, header.format);
@@ -50,7 +71,8 @@ Status Stream(ByteSource& source, const std::string& name, const MeshReadOptions
     return InputError(name, "", "a PLY file, which has no materials",
                       "labels of one of its properties, or an OBJ or glTF file with materials");
   }
-  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name, options));
+  TESSERA_ASSIGN_OR_RETURN(PlyHeader header, ReadPlyHeader(source, name, options));
+  if (options.confidence) FindConfidence(&header);
   WarnOfHeader(header, options);
   TESSERA_RETURN_IF_ERROR(sink.Begin(LayoutOf(source, header)));
   return header.format == PlyFormat::kAscii ? ReadPlyText(source, header, name, options, sink)

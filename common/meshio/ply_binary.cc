@@ -126,6 +126,10 @@ class BinaryReader {
           source_.Advance(step.bytes);
           break;
         }
+        case PlyRole::kConfidence:
+          sink_.SetConfidence(static_cast<float>(LoadNumber<kSwap>(bytes, step.type)));
+          source_.Advance(step.bytes);
+          break;
         case PlyRole::kIndices:
           TESSERA_RETURN_IF_ERROR(ReadIndices(element, step));
           break;

@@ -91,6 +91,14 @@ class TextReader {
           if (!good) return Error(element, absl::StrCat("label ", Quoted(word)), ExpectedLabel(header_, options_));
           break;
         }
+        case PlyRole::kConfidence: {
+          double confidence = 0;
+          if (!ParseNumber(word, confidence)) {
+            return Error(element, absl::StrCat("confidence ", Quoted(word)), "a number");
+          }
+          sink_.SetConfidence(static_cast<float>(confidence));
+          break;
+        }
         case PlyRole::kOther:
           if (property.is_list) TESSERA_RETURN_IF_ERROR(SkipList(element, property, word));
           break;

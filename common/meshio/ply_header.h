@@ -16,7 +16,7 @@ namespace tessera {
 enum class PlyFormat { kAscii, kBinaryLittleEndian, kBinaryBigEndian };
 enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
 // The role of a property in the mesh; kOther is skipped.
-enum class PlyRole { kOther, kX, kY, kZ, kIndices, kLabel };
+enum class PlyRole { kOther, kX, kY, kZ, kIndices, kLabel, kConfidence };
 
 int PlyTypeBytes(PlyType type);
 bool IsInteger(PlyType type);

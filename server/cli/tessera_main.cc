@@ -31,7 +31,7 @@ const std::vector<CommandGroup>& Groups() {
        {AddRunCommand, AddPlanCommand, AddSubmitCommand, AddUpdateCommand, AddJobsCommand, AddWatchCommand,
         AddPriorityCommand, AddPauseCommand, AddResumeCommand, AddRetryCommand, AddCancelCommand, AddDeleteCommand}},
       {"Cluster", {AddAccessCommand}},
-      {"Data", {AddFetchCommand, AddLineageCommand, AddRollbackCommand}}};
+      {"Data", {AddFetchCommand, AddExportCommand, AddLineageCommand, AddRollbackCommand}}};
   return groups;
 }
 

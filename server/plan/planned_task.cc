@@ -24,6 +24,7 @@ void SetReported(const Survey& survey, PublishParameters* parameters) {
   parameters->warnings = survey.warnings;
   parameters->fit = survey.fit;
   parameters->skipped_images = survey.skipped_images;
+  if (survey.source.size() <= kMostBytes) parameters->source = survey.source;
   size_t bytes = 0;
   for (const SceneView& view : survey.views) bytes += view.name.size();
   for (size_t v = 0; bytes <= kMostBytes && v < survey.views.size(); ++v) {

@@ -67,8 +67,8 @@ std::string ViewInputName(const PlannedTask::ViewFile& file);
 
 void SetCost(const Prediction& cost, PlannedTask* task);
 
-// Sets what the report has from the survey: names, warnings, fit, skipped images. Without names of views if these take
-// more than 1 MiB.
+// Sets what the report has from the survey: names, warnings, fit, source, skipped images. Without names of views, or
+// source, if they take more than 1 MiB.
 void SetReported(const Survey& survey, PublishParameters* parameters);
 
 // Per view: its image, mask and likelihoods, as indices in the scene's sorted list of files. NOT_FOUND with the path of

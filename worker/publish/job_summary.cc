@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "common/exporting/export_scene.h"
 #include "worker/publish/fit_summary.h"
 
 namespace tessera {
@@ -89,6 +90,7 @@ void ResultStatistics::AddFace(double area_before_m2, int32_t label_before, doub
 StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statistics,
                                  const std::vector<ReportedTile>& tiles) {
   TESSERA_ASSIGN_OR_RETURN(const ScratchArray<double> lengths_m, statistics.lengths_m_.Finish());
+  TESSERA_ASSIGN_OR_RETURN(const ExportScene scene, ExportSceneOf(survey));
   std::vector<json> tile_reports;
   for (const ReportedTile& tile : tiles) {
     tile_reports.push_back(json::parse(tile.report));
@@ -109,6 +111,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
   const json shares_before = AreaShares(statistics.areas_before_m2_, statistics.total_before_m2_, survey.classes);
   const json shares_after = AreaShares(statistics.areas_after_m2_, statistics.total_after_m2_, survey.classes);
   json report = {{"scene", survey.scene_name},
+                 {"frame", json::parse(ExportSceneToJson(scene))},
                  {"gsd_m", survey.gsd_m},
                  {"views", survey.views.size()},
                  {"skipped_images", skipped},

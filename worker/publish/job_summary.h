@@ -41,7 +41,7 @@ class ResultStatistics {
   double total_before_m2_ = 0, total_after_m2_ = 0;
 };
 
-// JSON, indented, deterministic (contains no times). RESOURCE_EXHAUSTED or INTERNAL if the scratch file cannot be
+// JSON, indented, deterministic (contains no times). "frame" is what exports need (ParseExportScene). RESOURCE_EXHAUSTED or INTERNAL if the scratch file cannot be
 // written.
 StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statistics,
                                  const std::vector<ReportedTile>& tiles);

@@ -26,6 +26,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   survey.scene_name = parameters.scene_name;
   survey.warnings = parameters.warnings;
   survey.fit = parameters.fit;
+  survey.source = parameters.source;
   survey.skipped_images = parameters.skipped_images;
   for (const int tile : parameters.quarantined) {
     survey.warnings.push_back(absl::StrCat("tile ", tile,
