@@ -8,12 +8,20 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/json_bounds.h"
 #include "common/exporting/export_map.h"
+#include "common/exporting/obj/obj_format.h"
 
 namespace tessera {
 namespace {
 
 // By name.
-constexpr std::array<ExportFormat, 0> kExportFormats = {};
+constexpr std::array kExportFormats = {
+    ExportFormat{.name = "obj",
+                 .what = "OBJ files with the tiles, system and offset of the source, to be textured there",
+                 .has_part = true,
+                 .write_sheet = WriteObjSheet,
+                 .join = JoinObj,
+                 .check = CheckObjExport},
+};
 
 constexpr std::array<std::string_view, 4> kVertexColors = {"class", "image", "confidence", "displacement"};
 
@@ -49,7 +57,10 @@ Status CheckExport(const ExportOptions& options, const ExportScene& scene) {
     faults.Add(absl::InvalidArgumentError("formats: found none, expected some of " + FormatNames()));
   }
   for (const std::string& name : options.formats) {
-    if (FindExportFormat(name) != nullptr) continue;
+    if (const ExportFormat* const format = FindExportFormat(name); format != nullptr) {
+      if (format->check != nullptr) faults.Add(format->check(scene, options));
+      continue;
+    }
     faults.Add(
         absl::InvalidArgumentError(absl::StrCat("formats: found '", name, "', expected some of ", FormatNames())));
   }
