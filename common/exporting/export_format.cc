@@ -9,6 +9,7 @@
 #include "common/base/json_bounds.h"
 #include "common/exporting/changes/changes_format.h"
 #include "common/exporting/export_map.h"
+#include "common/exporting/obj/obj_format.h"
 
 namespace tessera {
 namespace {
@@ -16,6 +17,12 @@ namespace {
 // By name.
 constexpr ExportFormat kExportFormats[] = {
     {.name = "changes", .what = "changed areas of an update, GeoJSON", .reads_changes = true, .join = JoinChanges},
+    {.name = "obj",
+     .what = "OBJ files with the tiles, system and offset of the source, to be textured there",
+     .has_part = true,
+     .write_sheet = WriteObjSheet,
+     .join = JoinObj,
+     .check = CheckObjExport},
 };
 
 constexpr std::array<std::string_view, 4> kVertexColors = {"class", "image", "confidence", "displacement"};
@@ -61,6 +68,10 @@ Status CheckFormatNames(const ExportOptions& options, std::span<const ExportForm
 Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::span<const ExportFormat> formats) {
   Faults faults;
   faults.Add(CheckFormatNames(options, formats));
+  for (const std::string& name : options.formats) {
+    const ExportFormat* const format = FindExportFormat(name, formats);
+    if (format != nullptr && format->check != nullptr) faults.Add(format->check(scene, options));
+  }
   if (!(options.gsd_m >= 0) || !std::isfinite(options.gsd_m)) {
     faults.Add(absl::InvalidArgumentError(
         absl::StrCat("gsd: found ", options.gsd_m, ", expected a positive number of metres")));

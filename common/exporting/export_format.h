@@ -75,6 +75,8 @@ struct ExportFormat {
                                                     const TaskControl&) = nullptr;
   // Writes the files for all sheets together. Memory is bounded by a few sheets. May be null.
   StatusOr<std::vector<std::string>> (*join)(const JoinInput&, const std::string& folder, const TaskControl&) = nullptr;
+  // Refuses before work what the format cannot write (CheckExport). May be null.
+  Status (*check)(const ExportScene&, const ExportOptions&) = nullptr;
 };
 
 // All formats, by name.

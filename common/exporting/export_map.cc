@@ -23,8 +23,9 @@ StatusOr<Eigen::Vector3d> NearIn(ReferenceSystem* system, const Frame& frame) {
 StatusOr<ExportMap> ExportMap::Open(const ExportScene& scene, const std::string& crs) {
   ExportMap map;
   map.frame_ = scene.frame;
-  const bool is_source = crs.empty() && scene.source.has_value();
+  const bool is_source = scene.source && (crs.empty() || crs == scene.source->crs);
   map.crs_ = is_source ? scene.source->crs : crs;
+  const HeightOptions heights = is_source ? scene.source->heights : HeightOptions();
   if (map.crs_.empty() || map.crs_ == "local") return map;
   if (scene.frame.crs().kind == Crs::Kind::kLocal) {
     // The source of a local scene is local too; its name was empty.
@@ -32,10 +33,10 @@ StatusOr<ExportMap> ExportMap::Open(const ExportScene& scene, const std::string&
                                       " for a scene without a coordinate reference system, expected `crs` in "
                                       "scene.json: without it the scene has no place on the globe");
   }
-  TESSERA_ASSIGN_OR_RETURN(ReferenceSystem system, ReferenceSystem::Parse(map.crs_));
+  TESSERA_ASSIGN_OR_RETURN(ReferenceSystem system, ReferenceSystem::Parse(map.crs_, heights));
   TESSERA_ASSIGN_OR_RETURN(const Eigen::Vector3d near, NearIn(&system, scene.frame));
-  TESSERA_ASSIGN_OR_RETURN(
-      SceneMap opened, SceneMap::Open({map.crs_, Eigen::Vector3d::Zero()}, scene.frame.crs(), HeightOptions(), near));
+  TESSERA_ASSIGN_OR_RETURN(SceneMap opened,
+                           SceneMap::Open({map.crs_, Eigen::Vector3d::Zero()}, scene.frame.crs(), heights, near));
   map.warnings_ = opened.source().warnings();
   map.map_.emplace(std::move(opened));
   return map;

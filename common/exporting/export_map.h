@@ -16,9 +16,9 @@ namespace tessera {
 // The map from the local frame to a coordinate reference system. Safe to call concurrently; calls wait for each other.
 class ExportMap {
  public:
-  // `crs` as ReferenceSystem::Parse reads it. Empty: that of the scene's source with its heights, else the scene's own
-  // coordinates. INVALID_ARGUMENT if the scene has no coordinate reference system and `crs` is given, if a grid is
-  // missing, and as ReferenceSystem.
+  // `crs` as ReferenceSystem::Parse reads it. Empty, or that of the scene's source: the source's with its heights, else
+  // the scene's own coordinates. INVALID_ARGUMENT if the scene has no coordinate reference system and `crs` is given,
+  // if a grid is missing, and as ReferenceSystem.
   static StatusOr<ExportMap> Open(const ExportScene& scene, const std::string& crs);
 
   // In place: points of the local frame to coordinates of the system (easting or longitude, northing or latitude,

@@ -19,6 +19,7 @@ struct HeightOptions {
   bool ellipsoid = false;  // above the WGS 84 ellipsoid, whatever vertical datum the system names
   // Height of the vertical datum above the WGS 84 ellipsoid, metres: used instead of PROJ's conversion.
   std::optional<double> geoid_height_m = {};
+  bool operator==(const HeightOptions&) const = default;
 };
 
 // A coordinate reference system of a source. Coordinates are in its units, in the order (easting or longitude, northing

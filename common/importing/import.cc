@@ -197,6 +197,7 @@ StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::stri
   const std::string path = AbsolutePath(out);
   TESSERA_ASSIGN_OR_RETURN(const TempFolder folder,
                            TempFolder::Create(fs::path(path).parent_path().string(), ".tessera-import-"));
+  std::optional<SceneSource> source_of_mesh;
   if (!mesh_path.empty()) {
     TESSERA_ASSIGN_OR_RETURN(const MeshPlace place,
                              PlaceMesh(mesh, options.mesh_crs, block, crs, placed, options.heights));
@@ -214,6 +215,8 @@ StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::stri
     TESSERA_ASSIGN_OR_RETURN(facts.mesh, MergeMeshes(mesh, merge, folder.path() + "/mesh.ply", warnings));
     if (merge.labels != LabelSource::kNone) scene.class_names = facts.mesh->classes;
     facts.mesh_place = place.text;
+    source_of_mesh = SceneSource{place.coordinates.crs, place.coordinates.offset + mesh.offset, mesh.tile_names,
+                                 facts.mesh->tile_rects, options.heights};
   } else {
     warnings->push_back("the scene has no mesh: add --mesh; without one it can only be a new flight of an earlier job");
   }
@@ -222,8 +225,11 @@ StatusOr<ImportResult> ImportScene(const ImportOptions& options, const std::stri
   scene.name = fs::path(path).filename().string();
   scene.block = &placed.block;
   scene.crs = placed.map.scene();
-  if (placed.map.source().kind() != ReferenceSystem::Kind::kLocal) {
-    scene.source = SceneSource{block.mesh_crs.empty() ? crs : block.mesh_crs, block.offset, mesh.tile_names};
+  if (source_of_mesh) {
+    scene.source = std::move(source_of_mesh);
+  } else if (placed.map.source().kind() != ReferenceSystem::Kind::kLocal) {
+    scene.source = SceneSource{block.mesh_crs.empty() ? crs : block.mesh_crs, block.offset};
+    scene.source->heights = options.heights;
   }
   scene.flights = options.flights;
   scene.copy_images = options.copy_images;

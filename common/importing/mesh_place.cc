@@ -87,7 +87,8 @@ StatusOr<MeshPlace> PlaceMesh(const MeshSource& mesh, const std::string& crs, co
     const double distance = block.isEmpty() ? 0 : block.exteriorDistance(middle);
     if (distance >= nearest) continue;
     nearest = distance;
-    best.emplace(MeshPlace{*std::move(map), std::move(candidate.text), sink.label_property});
+    best.emplace(
+        MeshPlace{*std::move(map), std::move(candidate.coordinates), std::move(candidate.text), sink.label_property});
   }
   if (best) return *std::move(best);
   return InputError(mesh.files.front(), "",

@@ -10,9 +10,10 @@
 namespace tessera {
 
 struct MeshPlace {
-  SceneMap map;                // from the coordinates of the mesh's files + MeshSource::offset to those of the scene
-  std::string text;            // how they were read, for import.json
-  std::string label_property;  // of the labels in the first file; empty: it has none
+  SceneMap map;                   // from the coordinates of the mesh's files + MeshSource::offset to those of the scene
+  SourceCoordinates coordinates;  // the same, as it was chosen
+  std::string text;               // how they were read, for import.json
+  std::string label_property;     // of the labels in the first file; empty: it has none
 };
 
 // Reads the mesh's coordinates in `crs`, else in the system that its files name, else in that of the block. In the

@@ -129,6 +129,7 @@ class TileMerger {
     read.file_in_warnings = std::filesystem::path(source_.files[tile]).filename().string();
     TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(source_.files[tile], read));
     TriangleMesh& mesh = content.mesh;
+    merged_.tile_rects.push_back(PlanRectOf(mesh));
     TESSERA_RETURN_IF_ERROR(ToScene(source_.files[tile], &mesh));
     const std::vector<uint32_t> numbers = AddVertices(mesh);
     int64_t added = 0;
@@ -166,6 +167,12 @@ class TileMerger {
     int32_t label = -1;
     int64_t* faces = nullptr;
   };
+
+  static PlanRect PlanRectOf(const TriangleMesh& mesh) {
+    Eigen::AlignedBox3d box;
+    for (const Eigen::Vector3d& position : mesh.vertices) box.extend(position);
+    return box.isEmpty() ? PlanRect() : PlanRect{box.min().x(), box.min().y(), box.max().x(), box.max().y()};
+  }
 
   static bool IsDegenerate(const Triangle& face) {
     return face[0] == face[1] || face[1] == face[2] || face[2] == face[0];

@@ -11,6 +11,7 @@
 #include "common/base/task_control.h"
 #include "common/importing/class_map.h"
 #include "common/importing/mesh_source.h"
+#include "common/scene/scene.h"
 
 namespace tessera {
 
@@ -40,6 +41,7 @@ struct LabelUse {
 struct MergedMesh {
   int64_t vertices = 0, faces = 0;
   std::vector<int64_t> tile_faces;   // in the order of MeshSource::files
+  std::vector<PlanRect> tile_rects;  // the same: as SceneSource::tile_rects
   int64_t welded_vertices = 0;       // replaced by a vertex of an earlier tile
   int64_t collapsed_faces = 0;       // left out, because welding joined two of their corners
   int64_t faces_without_class = 0;   // 0 without labels

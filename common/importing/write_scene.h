@@ -26,7 +26,7 @@ struct ImportedScene {
   const ImportedBlock* block = nullptr;  // in scene coordinates
   std::vector<FoundImage> images;        // of each image of the block; those without a file are left out
   Crs crs;
-  std::optional<SceneSource> source;     // none: the block has no reference system
+  std::optional<SceneSource> source;     // none: no reference system and no mesh
   std::vector<std::string> class_names;  // of the mesh's labels; empty without labels
   std::vector<FlightPattern> flights;
   bool has_labels = false;   // mesh.ply has labels

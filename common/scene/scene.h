@@ -11,6 +11,7 @@
 
 #include "common/base/status.h"
 #include "common/geodesy/frame.h"
+#include "common/geodesy/reference_system.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "common/imaging/image_io.h"
@@ -59,11 +60,23 @@ struct SkippedImage {
   std::string name, reason;
 };
 
-// Where an imported scene comes from ("source" in scene.json), to bring results back to it.
+// A rectangle in plan.
+struct PlanRect {
+  double x0 = 0, y0 = 0, x1 = 0, y1 = 0;
+  bool IsEmpty() const { return !(x0 < x1 && y0 < y1); }
+  bool operator==(const PlanRect&) const = default;
+};
+
+// Where an imported scene comes from ("source" in scene.json), to bring results back to it. The mesh's files state
+// their system and offset; without a mesh these are the block's.
 struct SceneSource {
   std::string crs;  // of the source, as PROJ reads it, or ENU:LAT,LON[,H]; empty: local
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();  // added to coordinates of the source's files, in units of crs
-  std::vector<std::string> tiles;                    // names of the mesh's tiles; empty: one mesh
+  std::vector<std::string> tiles = {};               // names of the mesh's tiles; empty: one mesh
+  // The bounding rectangle of each tile, in coordinates of its file (without the offset). IsEmpty() if the tile has no
+  // area in plan. No entries: not known.
+  std::vector<PlanRect> tile_rects = {};
+  HeightOptions heights = {};  // with which heights of `crs` were read
   bool operator==(const SceneSource&) const = default;
 };
 

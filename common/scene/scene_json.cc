@@ -249,9 +249,31 @@ void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faul
   in.RejectUnknownKeys();
 }
 
+// The plan rectangles of `tiles` tiles: four numbers each, or null for a tile without area.
+void ParseTileRects(const Json& value, size_t tiles, ObjectReader* in, std::vector<PlanRect>* rects) {
+  if (!value.is_array() || value.size() != tiles) {
+    return in->Fault("tile_rects", value, absl::StrCat("a list with an entry for each of the ", tiles, " tiles"));
+  }
+  for (size_t k = 0; k < value.size(); ++k) {
+    PlanRect& rect = rects->emplace_back();
+    if (value[k].is_null()) continue;
+    bool good = value[k].is_array() && value[k].size() == 4;
+    for (size_t i = 0; good && i < 4; ++i) good = value[k][i].is_number() && std::isfinite(value[k][i].get<double>());
+    if (good)
+      rect = {value[k][0].get<double>(), value[k][1].get<double>(), value[k][2].get<double>(),
+              value[k][3].get<double>()};
+    if (!good || rect.IsEmpty()) {
+      in->Fault(absl::StrCat("tile_rects[", k, "]"), value[k],
+                "null, or four numbers x0, y0, x1, y1 with x0 < x1 and "
+                "y0 < y1");
+    }
+  }
+}
+
 void ParseSource(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
   if (!value.is_object()) {
-    faults->Add(InputError(file, "source", Excerpt(value), "an object with crs, offset and tiles"));
+    faults->Add(
+        InputError(file, "source", Excerpt(value), "an object with crs, offset, heights, tiles and tile_rects"));
     return;
   }
   ObjectReader in(value, "source", file, faults);
@@ -262,7 +284,7 @@ void ParseSource(const Json& value, const std::string& file, SceneFile* scene, F
   if (const Json* offset = in.Find("offset"); offset != nullptr) {
     bool good = offset->is_array() && offset->size() == 3;
     for (int k = 0; good && k < 3; ++k) {
-      good = (*offset)[k].is_number();
+      good = (*offset)[k].is_number() && std::isfinite((*offset)[k].get<double>());
       if (good) source.offset[k] = (*offset)[k].get<double>();
     }
     if (!good) in.Fault("offset", *offset, "three numbers");
@@ -274,6 +296,16 @@ void ParseSource(const Json& value, const std::string& file, SceneFile* scene, F
       if (good) source.tiles.push_back((*tiles)[k].get<std::string>());
     }
     if (!good) in.Fault("tiles", *tiles, "a list of names");
+  }
+  if (const Json* rects = in.Find("tile_rects"); rects != nullptr) {
+    ParseTileRects(*rects, source.tiles.size(), &in, &source.tile_rects);
+  }
+  if (const Json* heights = in.Find("heights"); heights != nullptr) {
+    source.heights.ellipsoid = *heights == "ellipsoid";
+    if (!source.heights.ellipsoid) in.Fault("heights", *heights, "\"ellipsoid\"");
+  }
+  if (double geoid_m = 0; in.Number("geoid_height_m", -1000, 1000, &geoid_m)) {
+    source.heights.geoid_height_m = geoid_m;
   }
   in.RejectUnknownKeys();
   scene->source = std::move(source);
@@ -442,9 +474,14 @@ std::string CrsToJson(const Crs& crs) {
 }
 
 std::string SceneSourceToJson(const SceneSource& source) {
-  const Json json = {{"crs", source.crs},
-                     {"offset", {source.offset.x(), source.offset.y(), source.offset.z()}},
-                     {"tiles", source.tiles}};
+  Json json = {{"crs", source.crs},
+               {"offset", {source.offset.x(), source.offset.y(), source.offset.z()}},
+               {"tiles", source.tiles}};
+  for (const PlanRect& rect : source.tile_rects) {
+    json["tile_rects"].push_back(rect.IsEmpty() ? Json(nullptr) : Json{rect.x0, rect.y0, rect.x1, rect.y1});
+  }
+  if (source.heights.ellipsoid) json["heights"] = "ellipsoid";
+  if (source.heights.geoid_height_m) json["geoid_height_m"] = *source.heights.geoid_height_m;
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 

@@ -121,6 +121,14 @@ TEST_F(ImportTest, BlockAndTilesBecomeTheScene) {
   for (size_t i = 0; i < mesh.vertices.size(); ++i) {
     EXPECT_LT((mesh.vertices[i] - kShift - start.vertices[i]).norm(), 1e-8) << i;
   }
+  ASSERT_TRUE(imported.source.has_value());
+  EXPECT_EQ(imported.source->crs, "EPSG:32632");
+  EXPECT_EQ(imported.source->offset, kShift);
+  EXPECT_THAT(imported.source->tiles, testing::ElementsAre("Tile_+000_+000"));
+  ASSERT_EQ(imported.source->tile_rects.size(), 1u);
+  const auto least_x = std::min_element(start.vertices.begin(), start.vertices.end(),
+                                        [](const auto& a, const auto& b) { return a.x() < b.x(); });
+  EXPECT_NEAR(imported.source->tile_rects[0].x0, least_x->x(), 1e-8);
   const auto report = nlohmann::json::parse(Content(scene_ + "/import.json"));
   EXPECT_EQ(report["format"], "blocksexchange");
   EXPECT_EQ(report["proof"]["proven"], true);
@@ -151,6 +159,19 @@ TEST_F(ImportTest, ResultOfAnImportedSceneIsThatOfTheScene) {
   for (size_t v = 0; v < made.vertices.size(); ++v) {
     ASSERT_LT((imported.vertices[v] - shift - made.vertices[v]).norm(), 1e-6) << v;
   }
+}
+
+TEST_F(ImportTest, HeightsAreKeptForTheWayBack) {
+  WriteBlock(Block());
+  WriteMesh(kShift);
+  const Outcome outcome = Import({"--images", ToyCity() + "/images", "--mesh", mesh_, "--crs", "EPSG:32632+5773",
+                                  "--mesh-crs", "EPSG:32632+5773", "--geoid-height", "47.5"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  Warnings warnings;
+  const SceneDescription scene = LoadScene(scene_, &warnings).value();
+  ASSERT_TRUE(scene.source.has_value());
+  EXPECT_EQ(scene.source->crs, "EPSG:32632+5773");
+  EXPECT_EQ(scene.source->heights.geoid_height_m, 47.5);
 }
 
 TEST_F(ImportTest, ImagesMayBeCopied) {

@@ -34,6 +34,8 @@ TEST(ExportSceneTest, IsReadAsItWasWritten) {
   source.crs = "EPSG:25833";
   source.offset = {391000.25, 5820000, 1.0 / 3};
   source.tiles = {"Tile_+000_+001"};
+  source.tile_rects = {{0, 1.0 / 3, 100, 100}};
+  source.heights.geoid_height_m = 44.7;
   scene.source = source;
   const StatusOr<ExportScene> read = ParseExportScene(ExportSceneToJson(scene));
   ASSERT_TRUE(read.ok()) << read.status();

@@ -81,6 +81,8 @@ TEST(MeshTiles, ClosesTheBordersBetweenTiles) {
   EXPECT_EQ(merged.counts.collapsed_faces, 0);
   EXPECT_EQ(merged.counts.tile_faces, std::vector<int64_t>(6, tiles.FacesOfTile()));
   EXPECT_EQ(OpenEdges(merged.content.mesh), 2 * (3 * 4 + 2 * 4));
+  ASSERT_EQ(merged.counts.tile_rects.size(), 6u);
+  EXPECT_EQ(merged.counts.tile_rects[3], (PlanRect{1.99956, 2, 3.99956, 4}));  // in coordinates of the file
   EXPECT_THAT(merged.content.mesh.labels, IsEmpty());
   for (const Eigen::Vector3d& vertex : merged.content.mesh.vertices) {
     EXPECT_TRUE(merged.counts.bounds.contains(vertex));

@@ -84,6 +84,10 @@ TEST(SceneSourceTest, SourceIsReadAsItWasWritten) {
   source.offset = {1.0 / 3, -5e6, 0.1};
   source.tiles = {"Tile_+001_-002", "a\xc3\xa9"};
   EXPECT_EQ(SceneWith("\"source\": " + SceneSourceToJson(source)).source, source);
+  source.tile_rects = {{1.0 / 3, -2, 100.1, 50}, {}};
+  source.heights.ellipsoid = true;
+  source.heights.geoid_height_m = 44.7;
+  EXPECT_EQ(SceneWith("\"source\": " + SceneSourceToJson(source)).source, source);
   EXPECT_EQ(SceneWith("\"source\": {}").source, SceneSource());
 }
 
@@ -92,6 +96,15 @@ TEST(SceneSourceTest, WrongSourcesAreNamed) {
   EXPECT_THAT(FaultsWith(R"("source": {"crs": 1, "offset": [1, 2], "tiles": ["a", ""], "more": 1})"),
               ElementsAre(HasSubstr("source.crs"), HasSubstr("source.offset: found [1,2], expected three numbers"),
                           HasSubstr("source.tiles"), HasSubstr("unknown key 'more'")));
+  EXPECT_THAT(FaultsWith(R"("source": {"tiles": ["a", "b", "c"],
+                            "tile_rects": [[1, 2, 3], [0, 0, 1, 0], [0, "a", 1, 1]]})"),
+              ElementsAre(HasSubstr("source.tile_rects[0]: found [1,2,3], expected null, or four numbers"),
+                          HasSubstr("source.tile_rects[1]: found [0,0,1,0]"), HasSubstr("source.tile_rects[2]")));
+  EXPECT_THAT(FaultsWith(R"("source": {"tiles": ["a"], "tile_rects": []})"),
+              ElementsAre(HasSubstr("source.tile_rects: found [], expected a list with an entry for each of the 1 ")));
+  EXPECT_THAT(FaultsWith(R"("source": {"heights": "geoid", "geoid_height_m": 1e9})"),
+              ElementsAre(HasSubstr("source.heights: found \"geoid\", expected \"ellipsoid\""),
+                          HasSubstr("source.geoid_height_m")));
   EXPECT_THAT(FaultsWith("\"source\": {\"crs\": \"" + std::string(70000, 'x') + "\"}"),
               ElementsAre(HasSubstr("source.crs")));
 }
