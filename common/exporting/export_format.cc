@@ -8,12 +8,26 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/json_bounds.h"
 #include "common/exporting/export_map.h"
+#include "common/exporting/mesh_files/glb_export.h"
+#include "common/exporting/mesh_files/ply_export.h"
 
 namespace tessera {
 namespace {
 
 // By name.
-constexpr std::array<ExportFormat, 0> kExportFormats = {};
+constexpr std::array kExportFormats = {
+    ExportFormat{.name = "glb",
+                 .what = "one binary glTF of at most 4 million triangles",
+                 .colored = true,
+                 .has_part = true,
+                 .write_sheet = WriteGlbPart,
+                 .join = JoinGlb},
+    ExportFormat{.name = "ply",
+                 .what = "one PLY with labels and colours of vertices and faces",
+                 .colored = true,
+                 .join_reads_sheets = true,
+                 .join = JoinPly},
+};
 
 constexpr std::array<std::string_view, 4> kVertexColors = {"class", "image", "confidence", "displacement"};
 

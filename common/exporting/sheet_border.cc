@@ -4,7 +4,7 @@ namespace tessera {
 namespace {
 
 // splitmix64 (Steele et al., 2014).
-uint64_t Mixed(uint64_t x) {
+uint64_t MixedBits(uint64_t x) {
   x += 0x9e3779b97f4a7c15;
   x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9;
   x = (x ^ (x >> 27)) * 0x94d049bb133111eb;
@@ -20,7 +20,7 @@ std::vector<uint8_t> BorderVertices(size_t vertices, std::span<const Triangle> f
   std::vector<uint8_t> is_border(vertices, 1);
   for (const Triangle& face : faces) {
     for (int k = 0; k < 3; ++k) {
-      sums[face[k]] += Mixed(face[(k + 1) % 3]) - Mixed(face[(k + 2) % 3]);
+      sums[face[k]] += MixedBits(face[(k + 1) % 3]) - MixedBits(face[(k + 2) % 3]);
       is_border[face[k]] = 0;
     }
   }

@@ -63,7 +63,7 @@ VertexShapes ShapesOf(const SheetInput& input) {
 }
 
 // Points of the local frame as (ground x, ground y, height).
-std::vector<Eigen::Vector3d> Upright(const ExportScene& scene, std::span<const Eigen::Vector3d> points) {
+std::vector<Eigen::Vector3d> UprightPoints(const ExportScene& scene, std::span<const Eigen::Vector3d> points) {
   std::vector<Eigen::Vector3d> upright;
   upright.reserve(points.size());
   for (const Eigen::Vector3d& p : points) {
@@ -73,19 +73,19 @@ std::vector<Eigen::Vector3d> Upright(const ExportScene& scene, std::span<const E
   return upright;
 }
 
-Eigen::AlignedBox3d BoxOf(std::span<const Eigen::Vector3d> points) {
+Eigen::AlignedBox3d UprightBox(std::span<const Eigen::Vector3d> points) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& p : points) box.extend(p);
   return box;
 }
 
 // The largest ratio of horizontal distance to height of the rays from points in `box` to the cameras; infinite if a
-// camera is not above all points. `box` in the coordinates of Upright.
+// camera is not above all points. `box` in the coordinates of UprightPoints.
 double LargestRun(const SheetInput& input, const Eigen::AlignedBox3d& box) {
   double run = 0;
   for (const SceneView& view : input.views) {
     const Eigen::Vector3d centre = view.camera.Centre();
-    const Eigen::Vector3d camera = Upright(input.scene, {&centre, 1})[0];
+    const Eigen::Vector3d camera = UprightPoints(input.scene, {&centre, 1})[0];
     const double height_m = camera.z() - box.max().z();
     if (!(height_m > 0)) return std::numeric_limits<double>::infinity();
     const Eigen::Vector3d away = (camera - box.min()).cwiseAbs().cwiseMax((camera - box.max()).cwiseAbs());
@@ -97,10 +97,10 @@ double LargestRun(const SheetInput& input, const Eigen::AlignedBox3d& box) {
 // The faces of `neighbour` that are high enough, for their distance from the sheet's `box`, to hide a point in it.
 std::vector<Triangle> HidingFaces(const SheetInput& input, const Sheet& neighbour, const Eigen::AlignedBox3d& box,
                                   double run) {
-  const std::vector<Eigen::Vector3d> upright = Upright(input.scene, neighbour.vertices);
+  const std::vector<Eigen::Vector3d> upright = UprightPoints(input.scene, neighbour.vertices);
   std::vector<Triangle> faces;
   for (const Triangle& face : neighbour.faces) {
-    const Eigen::AlignedBox3d face_box = BoxOf(std::array{upright[face[0]], upright[face[1]], upright[face[2]]});
+    const Eigen::AlignedBox3d face_box = UprightBox(std::array{upright[face[0]], upright[face[1]], upright[face[2]]});
     const Eigen::Vector3d gap = (face_box.min() - box.max()).cwiseMax(box.min() - face_box.max()).cwiseMax(0);
     if (gap.head<2>().norm() <= run * (face_box.max().z() - box.min().z())) faces.push_back(face);
   }
@@ -158,7 +158,7 @@ Status ColorSheet(const SheetInput& input, std::vector<Rgb>* colors, const TaskC
       spacing_m[v] = static_cast<float>(shapes.edge_sums[v] / std::max(1u, shapes.edge_counts[v]));
     }
   }
-  const Eigen::AlignedBox3d box = BoxOf(Upright(input.scene, input.sheet.vertices));
+  const Eigen::AlignedBox3d box = UprightBox(UprightPoints(input.scene, input.sheet.vertices));
   const double run = LargestRun(input, box);
   std::vector<std::vector<Triangle>> hiding;
   std::vector<MeshSpans> occluders = {input.sheet.mesh()};

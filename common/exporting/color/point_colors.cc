@@ -36,26 +36,27 @@ struct Projection {
   double gsd_m = 0;
 };
 
-std::optional<Projection> Project(const PosedCamera& camera, const Eigen::Vector3d& point) {
+std::optional<Projection> ViewProjection(const PosedCamera& camera, const Eigen::Vector3d& point) {
   const Eigen::Vector3d p = camera.Project(point);
   if (!camera.InImage(p)) return std::nullopt;
   return Projection{p.x(), p.y(), p.z() / std::sqrt(camera.intrinsics.fx * camera.intrinsics.fy)};
 }
 
 // 0 at the rim of the image and 1 at kFeather_share of its smaller side inside.
-double Feather(const PinholeCamera& camera, const Projection& p) {
+double RimFeather(const PinholeCamera& camera, const Projection& p) {
   const double rim_px = std::min({p.x, p.y, camera.width - p.x, camera.height - p.y});
   return std::min(1.0, rim_px / (kFeather_share * std::min(camera.width, camera.height)));
 }
 
-int LevelOf(const PointColorInput& input, size_t point, double gsd_m) {
+// The pyramid level whose pixels are at most half of the spacing: bilinear interpolation reaches over two of them.
+int ColorLevelOf(const PointColorInput& input, size_t point, double gsd_m) {
   if (input.spacing_m.empty()) return 0;
-  const double level = std::log2(input.spacing_m[point] / gsd_m);
-  return level > 0 ? static_cast<int>(std::min(std::round(level), double{kHighestLevel})) : 0;
+  const double level = std::log2(0.5 * input.spacing_m[point] / gsd_m);
+  return level > 0 ? std::min(static_cast<int>(level), kHighestLevel) : 0;
 }
 
 // The centres of all views.
-std::vector<Eigen::Vector3d> CentresOf(std::span<const SceneView> views) {
+std::vector<Eigen::Vector3d> ViewCentres(std::span<const SceneView> views) {
   std::vector<Eigen::Vector3d> centres;
   centres.reserve(views.size());
   for (const SceneView& view : views) centres.push_back(view.camera.Centre());
@@ -64,7 +65,7 @@ std::vector<Eigen::Vector3d> CentresOf(std::span<const SceneView> views) {
 
 class ViewChooser {
  public:
-  explicit ViewChooser(const PointColorInput& input) : input_(input), centres_(CentresOf(input.views)) {
+  explicit ViewChooser(const PointColorInput& input) : input_(input), centres_(ViewCentres(input.views)) {
     for (const MeshSpans& mesh : input.occluders) casters_.emplace_back(mesh);
   }
 
@@ -80,10 +81,11 @@ class ViewChooser {
     for (size_t v = 0; v < input_.views.size(); ++v) {
       if (input_.view_files[v].empty()) continue;
       const PosedCamera& camera = input_.views[v].camera;
-      const std::optional<Projection> projection = Project(camera, p);
+      const std::optional<Projection> projection = ViewProjection(camera, p);
       if (!projection) continue;
       const double cosine = normal.isZero() ? 1 : normal.dot((centres_[v] - p).normalized());
-      const double weight = cosine * Feather(camera.intrinsics, *projection) / (projection->gsd_m * projection->gsd_m);
+      const double weight =
+          cosine * RimFeather(camera.intrinsics, *projection) / (projection->gsd_m * projection->gsd_m);
       if (cosine < kLeastCosine || !(weight > 0)) continue;
       candidates.push_back({static_cast<int32_t>(v), weight, projection->gsd_m});
     }
@@ -141,11 +143,11 @@ Status ReadSightings(const PointColorInput& input, size_t v, std::span<const uin
   NeededPart needed;
   for (const uint32_t s : sightings) {
     const size_t point = s / per_point;
-    const Projection p = *Project(view.camera, input.points[point]);
+    const Projection p = *ViewProjection(view.camera, input.points[point]);
     const int x = static_cast<int>(p.x), y = static_cast<int>(p.y);
     needed.part = {std::min(needed.part.x0, x), std::min(needed.part.y0, y), std::max(needed.part.x1, x + 1),
                    std::max(needed.part.y1, y + 1)};
-    needed.level = std::max(needed.level, LevelOf(input, point, p.gsd_m));
+    needed.level = std::max(needed.level, ColorLevelOf(input, point, p.gsd_m));
   }
   PhotographOptions options;
   options.white_level = view.white_level;
@@ -154,8 +156,8 @@ Status ReadSightings(const PointColorInput& input, size_t v, std::span<const uin
                            ColorPyramid::Read(input.view_files[v], view.lens, needed.part, needed.level, options));
   ParallelForEach(sightings.size(), kPointGrain, [&](size_t i) {
     const size_t point = sightings[i] / per_point;
-    const Projection p = *Project(view.camera, input.points[point]);
-    (*values)[sightings[i]] = pyramid.At(p.x, p.y, LevelOf(input, point, p.gsd_m));
+    const Projection p = *ViewProjection(view.camera, input.points[point]);
+    (*values)[sightings[i]] = pyramid.At(p.x, p.y, ColorLevelOf(input, point, p.gsd_m));
   });
   return absl::OkStatus();
 }
@@ -185,7 +187,8 @@ float WeightedMedian(std::span<WeightedValue> values) {
 }
 
 // The colour by the first `most` sightings that have pixels; returns their number.
-uint8_t Combine(std::span<const Sighting> sightings, std::span<const Eigen::Vector3f> values, int most, Rgb* color) {
+uint8_t CombineSightings(std::span<const Sighting> sightings, std::span<const Eigen::Vector3f> values, int most,
+                         Rgb* color) {
   std::array<WeightedValue, 255> samples;
   int count = 0;
   for (int c = 0; c < 3; ++c) {
@@ -200,7 +203,7 @@ uint8_t Combine(std::span<const Sighting> sightings, std::span<const Eigen::Vect
   return static_cast<uint8_t>(count);
 }
 
-Status CheckSizes(const PointColorInput& input) {
+Status CheckPointColorInput(const PointColorInput& input) {
   const bool fits = input.normals.size() == input.points.size() && input.view_files.size() == input.views.size() &&
                     (input.mask_files.empty() || input.mask_files.size() == input.views.size()) &&
                     (input.spacing_m.empty() || input.spacing_m.size() == input.points.size());
@@ -215,7 +218,7 @@ Status CheckSizes(const PointColorInput& input) {
 
 Status ColorPoints(const PointColorInput& input, std::vector<Rgb>* colors, std::vector<uint8_t>* seen,
                    const TaskControl& control) {
-  TESSERA_RETURN_IF_ERROR(CheckSizes(input));
+  TESSERA_RETURN_IF_ERROR(CheckPointColorInput(input));
   const size_t points = input.points.size();
   colors->assign(points, Rgb{});
   seen->assign(points, 0);
@@ -249,7 +252,8 @@ Status ColorPoints(const PointColorInput& input, std::vector<Rgb>* colors, std::
     TESSERA_RETURN_IF_ERROR(ReadSightings(input, v, of_view[v], per_point, &values));
   }
   ParallelForEach(points, kPointGrain, [&](size_t i) {
-    (*seen)[i] = Combine(std::span(sightings).subspan(i * per_point, per_point),
+    (*seen)[i] =
+        CombineSightings(std::span(sightings).subspan(i * per_point, per_point),
                          std::span(values).subspan(i * per_point, per_point), input.views_per_point, &(*colors)[i]);
   });
   return absl::OkStatus();

@@ -33,7 +33,7 @@ constexpr ColorScale kYlOrRd = {{{255, 255, 204},
                                  {128, 0, 38}}};
 
 // The colour at `value` in [0, 1].
-Rgb ColorAt(const ColorScale& scale, double value) {
+Rgb ScaleColorAt(const ColorScale& scale, double value) {
   if (!std::isfinite(value)) return kUnknownColor;
   const double at = std::clamp(value, 0.0, 1.0) * (scale.size() - 1);
   const size_t i = std::min(static_cast<size_t>(at), scale.size() - 2);
@@ -69,10 +69,10 @@ Rgb ClassColor(const ExportScene& scene, int32_t label) {
                                                                          : kUnknownColor;
 }
 
-Rgb ConfidenceRgb(double confidence) { return ColorAt(kViridis, confidence); }
+Rgb ConfidenceRgb(double confidence) { return ScaleColorAt(kViridis, confidence); }
 
 Rgb DisplacementRgb(double displacement_m, double gsd_m) {
-  return ColorAt(kYlOrRd, displacement_m / (kDisplacementScale_gsd * gsd_m));
+  return ScaleColorAt(kYlOrRd, displacement_m / (kDisplacementScale_gsd * gsd_m));
 }
 
 std::vector<int32_t> VertexLabels(const Sheet& sheet) {
