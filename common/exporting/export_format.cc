@@ -9,6 +9,8 @@
 #include "common/base/json_bounds.h"
 #include "common/exporting/changes/changes_format.h"
 #include "common/exporting/export_map.h"
+#include "common/exporting/mesh_files/glb_export.h"
+#include "common/exporting/mesh_files/ply_export.h"
 #include "common/exporting/obj/obj_format.h"
 
 namespace tessera {
@@ -17,12 +19,23 @@ namespace {
 // By name.
 constexpr ExportFormat kExportFormats[] = {
     {.name = "changes", .what = "changed areas of an update, GeoJSON", .reads_changes = true, .join = JoinChanges},
+    {.name = "glb",
+     .what = "one binary glTF of at most 4 million triangles",
+     .colored = true,
+     .has_part = true,
+     .write_sheet = WriteGlbPart,
+     .join = JoinGlb},
     {.name = "obj",
      .what = "OBJ files with the tiles, system and offset of the source, to be textured there",
      .has_part = true,
      .write_sheet = WriteObjSheet,
      .join = JoinObj,
      .check = CheckObjExport},
+    {.name = "ply",
+     .what = "one PLY with labels and colours of vertices and faces",
+     .colored = true,
+     .join_reads_sheets = true,
+     .join = JoinPly},
 };
 
 constexpr std::array<std::string_view, 4> kVertexColors = {"class", "image", "confidence", "displacement"};

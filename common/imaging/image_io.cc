@@ -73,19 +73,23 @@ ByteImage PlanesOf(const cv::Mat& mat) {
   return image;
 }
 
-// Luminance of the pixels in `part`; NaN where alpha is 0.
+// Luminance of the pixels in `part`, or red, green and blue if `image` has three channels; NaN where alpha is 0.
 template <class Value>
-void FillLuminance(const cv::Mat& mat, const ImagePart& part, int white_level, FloatImage* image) {
+void FillPixels(const cv::Mat& mat, const ImagePart& part, int white_level, FloatImage* image) {
   const int channels = mat.channels(), green = channels > 1 ? 1 : 0, red = channels > 1 ? 2 : 0;
   const float scale = 1.0f / static_cast<float>(white_level);
+  const bool colored = image->channels == 3;
   for (int y = part.y0; y < part.y1; ++y) {
     float* out = &image->at(0, y - part.y0) - part.x0;
     const Value* row = mat.ptr<Value>(y);
     for (int x = part.x0; x < part.x1; ++x) {
       const Value* pixel = row + static_cast<ptrdiff_t>(channels) * x;
       const float b = pixel[0], g = pixel[green], r = pixel[red];
-      out[x] = scale * (0.299f * r + 0.587f * g + 0.114f * b);
-      if (channels == 4 && pixel[3] == 0) out[x] = NAN;
+      const bool is_transparent = channels == 4 && pixel[3] == 0;
+      out[x] = is_transparent ? NAN : scale * (colored ? r : 0.299f * r + 0.587f * g + 0.114f * b);
+      if (!colored) continue;
+      out[x + image->plane_size()] = is_transparent ? NAN : scale * g;
+      out[x + 2 * image->plane_size()] = is_transparent ? NAN : scale * b;
     }
   }
 }
@@ -97,7 +101,8 @@ Status ApplyMask(const std::string& path, const ImageSize& whole, const ImagePar
   for (int y = part.y0; y < part.y1; ++y) {
     const int v = nearest(y, whole.height, mask.height);
     for (int x = part.x0; x < part.x1; ++x) {
-      if (mask.at(nearest(x, whole.width, mask.width), v) == 0) image->at(x - part.x0, y - part.y0) = NAN;
+      if (mask.at(nearest(x, whole.width, mask.width), v) != 0) continue;
+      for (int c = 0; c < image->channels; ++c) image->at(x - part.x0, y - part.y0, c) = NAN;
     }
   }
   return absl::OkStatus();
@@ -125,15 +130,9 @@ Status EncodeAndReplace(const std::string& path, const ByteImage& image, const s
   return ReplaceFile(path, bytes);
 }
 
-}  // namespace
-
-StatusOr<ImageSize> ReadImageSize(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(const ImageHeader header, ReadImageHeader(path));
-  return header.size;
-}
-
-StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part,
-                                       const PhotographOptions& options) {
+// `part` of the undistorted photograph: luminance (1 channel) or colours (3).
+StatusOr<FloatImage> ReadPart(const std::string& path, const LensModel& lens, const ImagePart& part,
+                              const PhotographOptions& options, int channels) {
   const PinholeCamera& whole = lens.pinhole;
   if (part.x0 < 0 || part.y0 < 0 || part.x1 > whole.width || part.y1 > whole.height || part.width() <= 0 ||
       part.height() <= 0) {
@@ -147,11 +146,11 @@ StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel&
     TESSERA_ASSIGN_OR_RETURN(mat, Decode(path, bytes, ImageSize{whole.width, whole.height}));
   }
   const ImagePart source = SourcePart(lens, part);
-  FloatImage image(source.width(), source.height());
+  FloatImage image(source.width(), source.height(), channels);
   if (mat.depth() == CV_16U) {
-    FillLuminance<uint16_t>(mat, source, options.white_level > 0 ? options.white_level : 65535, &image);
+    FillPixels<uint16_t>(mat, source, options.white_level > 0 ? options.white_level : 65535, &image);
   } else {
-    FillLuminance<uint8_t>(mat, source, 255, &image);
+    FillPixels<uint8_t>(mat, source, 255, &image);
   }
   mat.release();
   if (!options.mask_path.empty()) {
@@ -160,8 +159,25 @@ StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel&
   return UndistortPart(std::move(image), source, lens, part, NAN);
 }
 
+}  // namespace
+
+StatusOr<ImageSize> ReadImageSize(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const ImageHeader header, ReadImageHeader(path));
+  return header.size;
+}
+
+StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part,
+                                       const PhotographOptions& options) {
+  return ReadPart(path, lens, part, options, 1);
+}
+
 StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens, const PhotographOptions& options) {
   return ReadLuminancePart(path, lens, {0, 0, lens.pinhole.width, lens.pinhole.height}, options);
+}
+
+StatusOr<FloatImage> ReadColorPart(const std::string& path, const LensModel& lens, const ImagePart& part,
+                                   const PhotographOptions& options) {
+  return ReadPart(path, lens, part, options, 3);
 }
 
 StatusOr<ByteImage> ReadRgb(const std::string& path, int white_level) {

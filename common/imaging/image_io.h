@@ -36,6 +36,11 @@ StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& len
 StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part,
                                        const PhotographOptions& options = {});
 
+// The same for colours: planes of red, green and blue, which are equal for a grey image. Values above 1 are possible if
+// samples are above the white level.
+StatusOr<FloatImage> ReadColorPart(const std::string& path, const LensModel& lens, const ImagePart& part,
+                                   const PhotographOptions& options = {});
+
 // RGB planes, 0 to 255, as stored, not undistorted. `white_level`: as in PhotographOptions.
 StatusOr<ByteImage> ReadRgb(const std::string& path, int white_level = 0);
 

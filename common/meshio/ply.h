@@ -52,6 +52,8 @@ Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWrit
 struct PlyLayout {
   int64_t vertices = 0, faces = 0;
   bool has_labels = false, has_confidence = false, has_input_face = false, has_outdated = false;
+  bool has_vertex_colors = false;  // vertices get red, green, blue
+  bool has_vertex_labels = false;  // vertices get float `scalar_label`, as CloudCompare and MeshLab read it
   std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // as in PlyWriteOptions
 };
 
@@ -72,7 +74,7 @@ class PlyStream {
   PlyStream& operator=(PlyStream&&) noexcept;
   ~PlyStream();
   // Finish returns errors of the disk.
-  void AddVertex(const Eigen::Vector3d& position);
+  void AddVertex(const Eigen::Vector3d& position, const std::array<uint8_t, 3>& color_rgb = {}, int32_t label = -1);
   void AddFace(const PlyFace& face);
   // INTERNAL if the counts differ from the layout.
   Status Finish();

@@ -16,6 +16,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little);
 
+constexpr char kColorProperties[] = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+
 Status CheckMesh(const TriangleMesh& mesh, const PlyWriteOptions& options) {
   for (const auto& [values, what] :
        {std::pair(mesh.labels.size(), "labels"), std::pair(options.face_confidence.size(), "confidences"),
@@ -52,12 +54,12 @@ StatusOr<PlyStream> PlyStream::Create(const std::string& path, const PlyLayout& 
   // Most programs expect int indices; use uint only if there are too many vertices.
   const char* index_type = layout.vertices > std::numeric_limits<int32_t>::max() ? "uint" : "int";
   std::string header = absl::StrCat("ply\nformat binary_little_endian 1.0\nelement vertex ", layout.vertices,
-                                    "\nproperty double x\nproperty double y\nproperty double z\nelement face ",
-                                    layout.faces, "\nproperty list uchar ", index_type, " vertex_indices\n");
+                                    "\nproperty double x\nproperty double y\nproperty double z\n");
+  if (layout.has_vertex_colors) header += kColorProperties;
+  if (layout.has_vertex_labels) header += "property float scalar_label\n";
+  absl::StrAppend(&header, "element face ", layout.faces, "\nproperty list uchar ", index_type, " vertex_indices\n");
   if (layout.has_labels) header += "property int label\n";
-  if (layout.has_labels && !layout.label_colors_rgb.empty()) {
-    header += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
-  }
+  if (layout.has_labels && !layout.label_colors_rgb.empty()) header += kColorProperties;
   if (layout.has_confidence) header += "property float confidence\n";
   if (layout.has_input_face) header += "property int input_face\n";
   if (layout.has_outdated) header += "property uchar outdated\n";
@@ -68,9 +70,13 @@ StatusOr<PlyStream> PlyStream::Create(const std::string& path, const PlyLayout& 
   return PlyStream(std::move(impl));
 }
 
-void PlyStream::AddVertex(const Eigen::Vector3d& position) {
+void PlyStream::AddVertex(const Eigen::Vector3d& position, const std::array<uint8_t, 3>& color_rgb, int32_t label) {
   ++impl_->vertices;
   impl_->file.Add(position.data(), 3 * sizeof(double));
+  if (impl_->layout.has_vertex_colors) impl_->file.Add(color_rgb.data(), color_rgb.size());
+  if (!impl_->layout.has_vertex_labels) return;
+  const auto value = static_cast<float>(label);
+  impl_->file.Add(&value, sizeof(value));
 }
 
 void PlyStream::AddFace(const PlyFace& face) {

@@ -72,6 +72,29 @@ TEST(ImagePartTest, OfLuminance) {
   EXPECT_FALSE(ReadLuminancePart(folder + "/a.png", kLenses[0], {5, 0, 5, 4}).ok());
 }
 
+TEST(ImagePartTest, OfColours) {
+  const std::string folder = FreshTestFolder("f");
+  const ByteImage pixels = RandomPart(kWidth, kHeight, 3);
+  ASSERT_TRUE(WritePng(folder + "/a.png", pixels).ok());
+  for (const LensModel& lens : kLenses) {
+    const auto whole = ReadColorPart(folder + "/a.png", lens, {0, 0, kWidth, kHeight});
+    const auto luminance = ReadLuminance(folder + "/a.png", lens);
+    ASSERT_TRUE(whole.ok() && luminance.ok()) << whole.status();
+    for (const ImagePart& part : kParts) {
+      const auto read = ReadColorPart(folder + "/a.png", lens, part);
+      ASSERT_TRUE(read.ok()) << read.status();
+      ASSERT_EQ(read->channels, 3);
+      ExpectEqualsPart(*read, *whole, part.x0, part.y0);
+    }
+    for (int i = 0; i < kWidth * kHeight; ++i) {
+      const float sum = 0.299f * whole->plane(0)[i] + 0.587f * whole->plane(1)[i] + 0.114f * whole->plane(2)[i];
+      EXPECT_EQ(std::isnan(sum), std::isnan(luminance->data[i]));
+      if (!std::isnan(sum)) EXPECT_NEAR(sum, luminance->data[i], 1e-5);
+    }
+    if (lens.kind == LensModel::Kind::kPinhole) EXPECT_FLOAT_EQ(whole->at(3, 2, 2), pixels.at(3, 2, 2) / 255.f);
+  }
+}
+
 // Compares a part with the whole, at any resolution of the file.
 void CheckLikelihoods(const std::string& path) {
   for (const LensModel& lens : kLenses) {
