@@ -31,6 +31,7 @@ inline constexpr char kMeshFile[] = "mesh.ply";                // publish
 inline constexpr char kReportFile[] = "report.json";           // publish
 inline constexpr char kTileMeshFolder[] = "tiles";             // publish, with several tiles: one mesh per tile
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
+inline constexpr char kExportFolder[] = "export/";  // export: results, in a folder a format
 inline constexpr char kSceneFolder[] = "scene";  // folder of scene files among the inputs
 // The trained classifier (common/classify/model.h). It is listed among the files of the job's scene.
 inline constexpr char kClassifierFile[] = ".classifier";

@@ -1,0 +1,49 @@
+#include "server/settings/export_settings.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "common/base/printable.h"
+
+namespace tessera {
+namespace {
+
+constexpr size_t kMaxShownBytes = 60;
+
+// The values as they are; a colour that does not exist counts as class.
+ExportOptions Converted(const ExportSettings& settings) {
+  ExportOptions options;
+  options.formats = settings.formats;
+  std::sort(options.formats.begin(), options.formats.end());
+  options.formats.erase(std::unique(options.formats.begin(), options.formats.end()), options.formats.end());
+  options.crs = settings.crs;
+  options.gsd_m = settings.gsd_m;
+  options.class_materials = settings.class_materials;
+  if (!settings.color.empty()) options.color = FindVertexColor(settings.color).value_or(VertexColor::kClass);
+  return options;
+}
+
+}  // namespace
+
+StatusOr<ExportOptions> ExportOptionsOf(const ExportSettings& settings) {
+  Faults faults;
+  const ExportOptions options = Converted(settings);
+  ExportOptions without_crs = options;  // the system can be checked only with the scene
+  without_crs.crs.clear();
+  faults.Add(CheckExport(without_crs, ExportScene()));
+  if (!settings.color.empty() && !FindVertexColor(settings.color)) {
+    faults.Add(absl::InvalidArgumentError("color: found '" +
+                                          Printable(Prefix(settings.color, kMaxShownBytes)) +
+                                          "', expected class, image, confidence or displacement"));
+  }
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return options;
+}
+
+Status CheckExports(const JobSettings& settings, const ExportScene& scene) {
+  if (settings.exports.formats.empty()) return absl::OkStatus();
+  TESSERA_ASSIGN_OR_RETURN(const ExportOptions options, ExportOptionsOf(settings.exports));
+  return CheckExport(options, scene);
+}
+
+}  // namespace tessera
