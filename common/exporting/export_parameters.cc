@@ -43,6 +43,7 @@ std::string ToJson(const ExportParameters& p) {
   if (p.start) json["start"] = true;
   if (p.views) json["views"] = true;
   if (p.colored) json["colored"] = true;
+  if (p.changes) json["changes"] = true;
   if (!p.set_aside.empty()) json["set_aside"] = SheetsJson(p.set_aside);
   return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
@@ -66,6 +67,7 @@ StatusOr<ExportParameters> ParseExportParameters(const std::string& text) {
     p.start = json.value("start", false);
     p.views = json.value("views", false);
     p.colored = json.value("colored", false);
+    p.changes = json.value("changes", false);
     if (json.contains("set_aside")) p.set_aside = SheetsFromJson(json.at("set_aside"));
   } catch (const nlohmann::json::exception& error) {
     return absl::InvalidArgumentError(absl::StrCat(kName, ": ", error.what()));

@@ -28,6 +28,7 @@ struct ExportParameters {
   bool start = false;    // split, sheet: writes or reads the sheets of the start
   bool views = false;    // split, sheet: writes or reads the views of sheets
   bool colored = false;  // sheet, join: sheets are those of color
+  bool changes = false;  // join: reads kChangesGeoJsonFile
   // sheet: itself, if some of its faces are of quarantined tiles. join: all such sheets. By y, then x.
   std::vector<SheetId> set_aside = {};
 };

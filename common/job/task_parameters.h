@@ -38,6 +38,7 @@ inline constexpr char kClassifierFile[] = ".classifier";
 inline constexpr char kBordersFile[] = "borders.json";  // borders: reliability of class borders in the likelihoods
 // changes: faces of an update's result that no longer exist in the scene
 inline constexpr char kOutdatedFile[] = "outdated.arrays";
+inline constexpr char kChangesGeoJsonFile[] = "changes.geojson";  // changes
 
 // Name of a view's file among the inputs of crop, independent of its name in the scene. Likelihood files have this
 // suffix.

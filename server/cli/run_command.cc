@@ -180,6 +180,7 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
   AddJobOptions(*command, &flags->job);
   AddUpdateOptions(*command, "The --out folder of an earlier run (with its .tessera), or jobs/J of --data",
                    &flags->job);
+  AddExportOptions(*command, &flags->job.settings.exports);
   AddPriceLimit(*command, &flags->job);
   command->add_option("--out", flags->out, "Folder for the results")->required();
   command->add_option("--data", flags->data, "Folder for the coordinator's state (default OUT/.tessera/data)");

@@ -32,8 +32,7 @@ StatusOr<ExportOptions> ExportOptionsOf(const ExportSettings& settings) {
   without_crs.crs.clear();
   faults.Add(CheckExport(without_crs, ExportScene()));
   if (!settings.color.empty() && !FindVertexColor(settings.color)) {
-    faults.Add(absl::InvalidArgumentError("color: found '" +
-                                          Printable(Prefix(settings.color, kMaxShownBytes)) +
+    faults.Add(absl::InvalidArgumentError("color: found '" + Printable(Prefix(settings.color, kMaxShownBytes)) +
                                           "', expected class, image, confidence or displacement"));
   }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
@@ -44,6 +43,12 @@ Status CheckExports(const JobSettings& settings, const ExportScene& scene) {
   if (settings.exports.formats.empty()) return absl::OkStatus();
   TESSERA_ASSIGN_OR_RETURN(const ExportOptions options, ExportOptionsOf(settings.exports));
   return CheckExport(options, scene);
+}
+
+Status CheckExports(const JobSettings& settings, const Survey& survey) {
+  if (settings.exports.formats.empty()) return absl::OkStatus();
+  TESSERA_ASSIGN_OR_RETURN(const ExportScene scene, ExportSceneOf(survey));
+  return CheckExports(settings, scene);
 }
 
 }  // namespace tessera

@@ -14,5 +14,7 @@ StatusOr<ExportOptions> ExportOptionsOf(const ExportSettings& settings);
 
 // Refuses before work what cannot succeed (CheckExport). OK if the job exports nothing.
 Status CheckExports(const JobSettings& settings, const ExportScene& scene);
+// The same for the scene of a survey; also INVALID_ARGUMENT if the survey's source is damaged.
+Status CheckExports(const JobSettings& settings, const Survey& survey);
 
 }  // namespace tessera

@@ -84,6 +84,12 @@ Status CheckJobSettings(const JobSettings& settings) {
     faults.Add(absl::InvalidArgumentError(
         "export: found formats in a rollback, expected none: export the result of the rollback when it has ended"));
   }
+  for (const std::string& name : settings.exports.formats) {
+    const ExportFormat* const format = FindExportFormat(name);
+    if (format == nullptr || !format->reads_changes || !update.base.empty()) continue;
+    faults.Add(absl::InvalidArgumentError(
+        absl::StrCat("formats: found ", name, " without a base job, expected it for updates only")));
+  }
   if (!(settings.exports == ExportSettings())) faults.Add(ExportOptionsOf(settings.exports).status());
   return faults.ToStatus();
 }
