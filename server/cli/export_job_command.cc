@@ -12,8 +12,10 @@
 
 namespace tessera {
 
-StatusOr<int> ExportJobResult(const Endpoint& coordinator, const std::string& job, const ExportSettings& settings,
-                              const std::string& out) {
+StatusOr<int> ExportResultOfJob(const Endpoint& coordinator, const std::string& job, const ExportOptions& options,
+                                const std::string& out) {
+  const ExportSettings settings = {options.formats, options.crs, std::string(VertexColorName(options.color)),
+                                   options.gsd_m, options.class_materials};
   TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(coordinator));
   TESSERA_ASSIGN_OR_RETURN(const std::string name, SubmitExport(*connection, FullJobName(job), settings));
   TESSERA_ASSIGN_OR_RETURN(const int code, WatchJobWithProgress(*connection, name));

@@ -4,14 +4,14 @@
 #include <string>
 
 #include "common/base/status.h"
+#include "common/exporting/export_format.h"
 #include "common/rpc/channel.h"
-#include "server/settings/job_settings.h"
 
 namespace tessera {
 
 // Submits the export as a job of its own, shows its progress, and writes its files to `out`, a folder a format. Returns
 // the exit code, as `tessera watch`.
-StatusOr<int> ExportJobResult(const Endpoint& coordinator, const std::string& job, const ExportSettings& settings,
-                              const std::string& out);
+StatusOr<int> ExportResultOfJob(const Endpoint& coordinator, const std::string& job, const ExportOptions& options,
+                                const std::string& out);
 
 }  // namespace tessera

@@ -4,12 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <functional>
 #include <map>
 #include <set>
 
 #include "common/exporting/export_parameters.h"
 #include "common/exporting/survey_sheets.h"
-#include "server/ledger/task_inputs.h"
 #include "tests/unit/server/plan/update_pair.h"
 
 namespace tessera {
@@ -167,14 +167,14 @@ std::map<std::string, std::string> KeysOf(const Planned& planned,
   std::map<std::string, std::string> keys;
   std::vector<std::string> of_task;
   for (const PlannedTask& task : planned.tasks) {
-    std::vector<NamedDigest> inputs;
+    std::string read = task.kind.str() + task.parameters;  // all that a key depends on
     for (const PlannedInput& input : task.inputs) {
       const int producer = input.task.value() - static_cast<int>(Planned::kFirst);
       // Outputs of other stages are determined by the stage's key.
       const std::string made = producer > 0 ? of_task[producer] : content(InputName(input));
-      inputs.push_back({InputName(input), DigestOf(made)});
+      read += "\n" + InputName(input) + " " + Sha256Hex(made);
     }
-    of_task.push_back(TaskKey("1", task.kind.str(), task.parameters, inputs));
+    of_task.push_back(Sha256Hex(read));
     keys[task.name] = of_task.back();
   }
   return keys;
