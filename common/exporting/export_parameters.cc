@@ -11,6 +11,8 @@
 namespace tessera {
 namespace {
 
+constexpr std::string_view kSheetsFolder = "sheets", kStartFolder = "start", kColoredFolder = "colored",
+                           kPartsFolder = "parts";
 constexpr std::array<std::string_view, 4> kStageNames = {"split", "color", "sheet", "join"};
 
 nlohmann::json SheetsJson(const std::vector<SheetId>& sheets) {
@@ -80,12 +82,18 @@ StatusOr<ExportParameters> ParseExportParameters(const std::string& text) {
   return p;
 }
 
-std::string SheetFileName(const SheetId& id) { return SheetPath("sheets", id, ".arrays"); }
-std::string StartSheetFileName(const SheetId& id) { return SheetPath("start", id, ".arrays"); }
+std::string SheetFileName(const SheetId& id) { return SheetPath(kSheetsFolder, id, ".arrays"); }
+std::string StartSheetFileName(const SheetId& id) { return SheetPath(kStartFolder, id, ".arrays"); }
 std::string SheetViewsFileName(const SheetId& id) { return SheetPath("sheet-views", id, ".json"); }
-std::string ColoredSheetFileName(const SheetId& id) { return SheetPath("colored", id, ".arrays"); }
+std::string ColoredSheetFileName(const SheetId& id) { return SheetPath(kColoredFolder, id, ".arrays"); }
 std::string PartFileName(std::string_view format, const SheetId& id) {
-  return SheetPath(absl::StrCat("parts/", std::string(format)), id, ".arrays");
+  return SheetPath(absl::StrCat(std::string(kPartsFolder), "/", std::string(format)), id, ".arrays");
+}
+
+bool IsPassedOn(std::string_view output) {
+  const std::string_view folder = output.substr(0, output.find('/'));
+  return folder != output &&
+         (folder == kSheetsFolder || folder == kStartFolder || folder == kColoredFolder || folder == kPartsFolder);
 }
 
 std::string SheetListToJson(const std::vector<SheetId>& sheets) { return SheetsJson(sheets).dump(); }

@@ -48,6 +48,10 @@ std::string ColoredSheetFileName(const SheetId& id);  // color: the sheet with c
 // sheet: kPartFile of the format.
 std::string PartFileName(std::string_view format, const SheetId& id);
 
+// Whether the output is a sheet or a part, which only later stages read. It may be removed when the job has ended, and
+// is computed again if it is needed.
+bool IsPassedOn(std::string_view output);
+
 std::string SheetListToJson(const std::vector<SheetId>& sheets);
 StatusOr<std::vector<SheetId>> ParseSheetList(const std::string& json);
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <set>
 
 #include "absl/strings/str_cat.h"
 #include "common/exporting/export_parameters.h"
@@ -76,6 +77,11 @@ StatusOr<std::vector<std::string>> FetchArtifacts(Connection& connection, const 
     for (size_t i = 0; i < archives.size(); ++i) {
       TESSERA_RETURN_IF_ERROR(control.Check());
       TESSERA_RETURN_IF_ERROR(Unpack(archives[i], *store, absl::StrCat(staging, "/unpacked/", i), &unpacked));
+    }
+    std::set<std::string> paths;
+    for (const UnpackedFile& file : unpacked) {
+      if (paths.insert(file.path).second) continue;
+      return absl::DataLossError(absl::StrCat(job.name(), ": two exported files have the name ", file.path));
     }
     // All files are complete: from here on only renames and copies.
     for (const UnpackedFile& file : unpacked) {

@@ -13,7 +13,9 @@
 namespace tessera {
 namespace {
 
-bool CoreMeets(const CellRect& a, const CellRect& b) { return a.x0 < b.x1 && b.x0 < a.x1 && a.y0 < b.y1 && b.y0 < a.y1; }
+bool CoreMeets(const CellRect& a, const CellRect& b) {
+  return a.x0 < b.x1 && b.x0 < a.x1 && a.y0 < b.y1 && b.y0 < a.y1;
+}
 
 class ExportPlanner {
  public:
@@ -54,12 +56,14 @@ class ExportPlanner {
     ExportParameters parameters;
     parameters.stage = ExportStage::kSplit;
     parameters.scene = scene_json_;
-    parameters.sheets = ids_;
     parameters.start = needs_.start;
     parameters.views = needs_.views;
     PlannedTask task;
     task.name = absl::StrCat(kExportKind, " split");
-    task.inputs = {{work_.mesh_from, kMeshFile}, {work_.city_from, kCityFile}};
+    if (needs_.sheets) {
+      parameters.sheets = ids_;
+      task.inputs = {{work_.mesh_from, kMeshFile}, {work_.city_from, kCityFile}};
+    }
     if (needs_.views) task.inputs.push_back({work_.survey_from, kPlainSurveyFile});
     split_ = Add(std::move(task), parameters, PredictExportSplit(work_.survey, needs_));
   }

@@ -1,9 +1,15 @@
 #include "server/settings/export_settings.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <map>
 #include <optional>
+#include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "common/base/printable.h"
+#include "common/exporting/export_map.h"
+#include "common/exporting/sheet.h"
 
 namespace tessera {
 namespace {
@@ -48,7 +54,22 @@ Status CheckExports(const JobSettings& settings, const ExportScene& scene) {
 Status CheckExports(const JobSettings& settings, const Survey& survey) {
   if (settings.exports.formats.empty()) return absl::OkStatus();
   TESSERA_ASSIGN_OR_RETURN(const ExportScene scene, ExportSceneOf(survey));
-  return CheckExports(settings, scene);
+  TESSERA_RETURN_IF_ERROR(CheckExports(settings, scene));
+  TESSERA_ASSIGN_OR_RETURN(const ExportMap map, ExportMap::Open(scene, settings.exports.crs));
+  std::map<SheetId, Eigen::AlignedBox3d> boxes;
+  for (const SurveyCell& cell : survey.cells) {
+    boxes[SheetOf({cell.x, cell.y})].extend(cell.box_min).extend(cell.box_max);
+  }
+  Faults faults;
+  for (const auto& [id, box] : boxes) {
+    std::vector<Eigen::Vector3d> corners;
+    for (int k = 0; k < 8; ++k) corners.push_back(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)));
+    const Status mapped = map.FromLocal(corners);
+    if (mapped.ok()) continue;
+    faults.Add(absl::InvalidArgumentError(absl::StrCat("sheet ", SheetName(id), ": ", std::string(mapped.message()),
+                                                       ": the system does not cover it: choose another one")));
+  }
+  return faults.ToStatus();
 }
 
 }  // namespace tessera

@@ -14,7 +14,8 @@ StatusOr<ExportOptions> ExportOptionsOf(const ExportSettings& settings);
 
 // Refuses before work what cannot succeed (CheckExport). OK if the job exports nothing.
 Status CheckExports(const JobSettings& settings, const ExportScene& scene);
-// The same for the scene of a survey; also INVALID_ARGUMENT if the survey's source is damaged.
+// The same for the scene of a survey. Also INVALID_ARGUMENT if the survey's source is damaged, or if the system does
+// not cover a sheet of the start mesh.
 Status CheckExports(const JobSettings& settings, const Survey& survey);
 
 }  // namespace tessera

@@ -53,6 +53,7 @@ std::vector<ExportFormat> FormatsOf(const ExportOptions& options) {
 ExportNeeds NeedsOf(const std::vector<ExportFormat>& formats, const ExportOptions& options) {
   ExportNeeds needs;
   for (const ExportFormat& format : formats) {
+    needs.sheets |= format.write_sheet != nullptr || format.join_reads_sheets;
     needs.start |= format.reads_start;
     needs.color |= format.colored && options.color == VertexColor::kImage;
     needs.views |= format.reads_photographs;
@@ -62,7 +63,7 @@ ExportNeeds NeedsOf(const std::vector<ExportFormat>& formats, const ExportOption
 }
 
 Prediction PredictExportSplit(const Survey& survey, const ExportNeeds& needs) {
-  const double faces = static_cast<double>(survey.faces), sets = needs.start ? 2 : 1;
+  const double faces = needs.sheets ? static_cast<double>(survey.faces) : 0, sets = needs.start ? 2 : 1;
   return {kExportTaskSeconds + kSplitSeconds * sets * faces, BytesOf(kExportIdleBytes + kSplitBytesPerFace * faces),
           BytesOf(kSheetFileBytes * sets * faces)};
 }

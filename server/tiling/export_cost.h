@@ -10,11 +10,12 @@
 
 namespace tessera {
 
-// What the exports of a job need besides the sheets of the result.
+// What the formats of a job read.
 struct ExportNeeds {
-  bool start = false;  // sheets of the start
-  bool color = false;  // colours from the photographs
-  bool views = false;  // the photographs of sheets, for colours or for a format
+  bool sheets = false;  // sheets of the result
+  bool start = false;   // sheets of the start
+  bool color = false;   // colours from the photographs
+  bool views = false;   // the photographs of sheets, for colours or for a format
 };
 // The rows of options.formats, which exist.
 std::vector<ExportFormat> FormatsOf(const ExportOptions& options);

@@ -145,14 +145,16 @@ StatusOr<std::vector<SheetId>> FinishSheets(SheetSplitter splitter, const TaskRe
 
 StatusOr<TaskOutcome> SplitResult(const TaskRequest& request, const ExportParameters& parameters,
                                   const TaskControl& control) {
-  if (parameters.sheets.empty()) return absl::InvalidArgumentError("split: found no sheets, expected at least one");
   TESSERA_ASSIGN_OR_RETURN(const ExportScene scene, ParseExportScene(parameters.scene));
-  TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
-  TESSERA_ASSIGN_OR_RETURN(const CityBlocks blocks, CityBlocks::Of(city));
   TaskOutcome outcome;
   outcome.outputs = {kExportSceneFile, kSheetListFile};
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kExportSceneFile), parameters.scene));
-
+  if (parameters.sheets.empty()) {  // no format reads sheets
+    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSheetListFile), SheetListToJson({})));
+    return outcome;
+  }
+  TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
+  TESSERA_ASSIGN_OR_RETURN(const CityBlocks blocks, CityBlocks::Of(city));
   SplitOptions options;
   options.ground = scene.ground;
   options.allowed = parameters.sheets;

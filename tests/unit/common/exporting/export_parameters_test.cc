@@ -64,6 +64,14 @@ TEST(ExportParametersTest, FileNamesDiffer) {
   EXPECT_EQ(SheetArchiveName("3dtiles", id), "export/3dtiles/3_-1.zip");
   EXPECT_THAT(*ParseSheetList(SheetListToJson({{3, -1}, {0, 2}})), ElementsAre(SheetId{3, -1}, SheetId{0, 2}));
   EXPECT_FALSE(ParseSheetList("{}x").ok());
+  for (const std::string& name :
+       {SheetFileName(id), StartSheetFileName(id), ColoredSheetFileName(id), PartFileName("3dtiles", id)}) {
+    EXPECT_TRUE(IsPassedOn(name)) << name;
+  }
+  for (const std::string& name : {SheetViewsFileName(id), SheetArchiveName("3dtiles", id), std::string("mesh.ply"),
+                                  std::string("sheets"), std::string(kExportSceneFile)}) {
+    EXPECT_FALSE(IsPassedOn(name)) << name;
+  }
 }
 
 TEST(SurveySheetsTest, CellsAreGroupedAndWithdrawnViewsLeftOut) {
