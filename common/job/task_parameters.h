@@ -32,7 +32,7 @@ inline constexpr char kReportFile[] = "report.json";           // publish
 inline constexpr char kTileMeshFolder[] = "tiles";             // publish, with several tiles: one mesh per tile
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
 inline constexpr char kExportFolder[] = "export/";  // export: results, in a folder a format
-inline constexpr char kSceneFolder[] = "scene";  // folder of scene files among the inputs
+inline constexpr char kSceneFolder[] = "scene";     // folder of scene files among the inputs
 // The trained classifier (common/classify/model.h). It is listed among the files of the job's scene.
 inline constexpr char kClassifierFile[] = ".classifier";
 inline constexpr char kBordersFile[] = "borders.json";  // borders: reliability of class borders in the likelihoods
