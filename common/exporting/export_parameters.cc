@@ -29,7 +29,7 @@ std::vector<SheetId> SheetsFromJson(const nlohmann::json& json) {
   return sheets;
 }
 
-std::string SheetPath(std::string_view folder, const SheetId& id, std::string_view ending) {
+std::string SheetFileIn(std::string_view folder, const SheetId& id, std::string_view ending) {
   return absl::StrCat(std::string(folder), "/", SheetName(id), std::string(ending));
 }
 
@@ -82,12 +82,12 @@ StatusOr<ExportParameters> ParseExportParameters(const std::string& text) {
   return p;
 }
 
-std::string SheetFileName(const SheetId& id) { return SheetPath(kSheetsFolder, id, ".arrays"); }
-std::string StartSheetFileName(const SheetId& id) { return SheetPath(kStartFolder, id, ".arrays"); }
-std::string SheetViewsFileName(const SheetId& id) { return SheetPath("sheet-views", id, ".json"); }
-std::string ColoredSheetFileName(const SheetId& id) { return SheetPath(kColoredFolder, id, ".arrays"); }
+std::string SheetFileName(const SheetId& id) { return SheetFileIn(kSheetsFolder, id, ".arrays"); }
+std::string StartSheetFileName(const SheetId& id) { return SheetFileIn(kStartFolder, id, ".arrays"); }
+std::string SheetViewsFileName(const SheetId& id) { return SheetFileIn("sheet-views", id, ".json"); }
+std::string ColoredSheetFileName(const SheetId& id) { return SheetFileIn(kColoredFolder, id, ".arrays"); }
 std::string PartFileName(std::string_view format, const SheetId& id) {
-  return SheetPath(absl::StrCat(std::string(kPartsFolder), "/", std::string(format)), id, ".arrays");
+  return SheetFileIn(absl::StrCat(std::string(kPartsFolder), "/", std::string(format)), id, ".arrays");
 }
 
 bool IsPassedOn(std::string_view output) {

@@ -95,7 +95,7 @@ class ExportTaskTest : public testing::Test {
 
   void WriteInputs() {
     CitySpans city;
-    city.mesh = start_.spans();
+    city.mesh = start_;
     const Status written = WriteCity(Path(std::string("city/") + kCityFile), city, scene_.ground,
                                      CellsOf(city.mesh, scene_.ground), folder_.path(), /*max_block_faces=*/50);
     ASSERT_TRUE(written.ok()) << written;
