@@ -27,6 +27,7 @@ inline constexpr char kRefineKind[] = "refine";
 inline constexpr char kCompareKind[] = "compare";
 inline constexpr char kChangesKind[] = "changes";
 inline constexpr char kPublishKind[] = "publish";
+inline constexpr char kExportKind[] = "export";
 
 // The tasks of a job are planned in phases. Each phase is planned from the outputs of the phase before.
 enum class TaskPhase : uint8_t {
@@ -43,7 +44,7 @@ struct TaskKind {
   bool makes_artifacts = false;  // its outputs are the job's results
 };
 
-inline constexpr std::array<TaskKind, 16> kTaskKinds = {{
+inline constexpr std::array<TaskKind, 17> kTaskKinds = {{
     // Scene: repaired and split mesh, survey.
     {kIngestKind, TaskPhase::kSurvey},
     // Survey of the base job and a new scene: the survey with the new views.
@@ -76,6 +77,8 @@ inline constexpr std::array<TaskKind, 16> kTaskKinds = {{
     {.name = kChangesKind, .makes_artifacts = true},
     // Final states of all tiles: mesh.ply, report.json.
     {.name = kPublishKind, .makes_artifacts = true},
+    // One stage of an export (common/exporting/export_parameters.h); outputs in kExportFolder are the job's results.
+    {.name = kExportKind, .makes_artifacts = true},
 }};
 
 // Counters have one more entry than kTaskKinds, for kinds of other releases.

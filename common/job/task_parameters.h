@@ -31,12 +31,14 @@ inline constexpr char kMeshFile[] = "mesh.ply";                // publish
 inline constexpr char kReportFile[] = "report.json";           // publish
 inline constexpr char kTileMeshFolder[] = "tiles";             // publish, with several tiles: one mesh per tile
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
-inline constexpr char kSceneFolder[] = "scene";  // folder of scene files among the inputs
+inline constexpr char kExportFolder[] = "export/";  // export: results, in a folder a format
+inline constexpr char kSceneFolder[] = "scene";     // folder of scene files among the inputs
 // The trained classifier (common/classify/model.h). It is listed among the files of the job's scene.
 inline constexpr char kClassifierFile[] = ".classifier";
 inline constexpr char kBordersFile[] = "borders.json";  // borders: reliability of class borders in the likelihoods
 // changes: faces of an update's result that no longer exist in the scene
 inline constexpr char kOutdatedFile[] = "outdated.arrays";
+inline constexpr char kChangesGeoJsonFile[] = "changes.geojson";  // changes
 
 // Name of a view's file among the inputs of crop, independent of its name in the scene. Likelihood files have this
 // suffix.

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "server/admission/field_bounds.h"
+#include "server/settings/export_settings.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
 
@@ -13,7 +14,10 @@ namespace {
 
 constexpr size_t kMaxSettingsBytes = 64 << 10;
 
-bool ReadsScene(const Submission& submission) { return submission.settings.update.rollback_to.empty(); }
+bool ReadsScene(const Submission& submission) {
+  const UpdateSettings& update = submission.settings.update;
+  return update.rollback_to.empty() && !update.export_only;
+}
 
 // All these fields are stored as long as the job.
 Status CheckSizes(const Submission& submission) {
@@ -90,7 +94,10 @@ Status Admission::AddScene(const Submission& submission, const Cancelled& cancel
   if (std::binary_search(scene.files.begin(), scene.files.end(), kClassifierFile)) {
     return InputError(scene.folder + "/" + kClassifierFile, "", "a file of this name", "none: it is reserved");
   }
-  if (request.needs_mesh) job.settings.classifier = scene.classifier;
+  if (request.needs_mesh) {
+    job.settings.classifier = scene.classifier;
+    TESSERA_RETURN_IF_ERROR(CheckExports(job.settings, scene.place));
+  }
   if (job.display_name.empty()) job.display_name = scene.name;
   job.scene_path = scene.folder;
   job.warnings = scene.warnings;

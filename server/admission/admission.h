@@ -19,7 +19,7 @@ namespace tessera {
 // A request to create a job.
 struct Submission {
   std::string request_id;    // submissions with the same id create one job; empty: always a new job
-  std::string scene_path;    // absolute; a rollback uses its base's scene and ignores this
+  std::string scene_path;    // absolute; a rollback and an export use the base's scene
   std::string display_name;  // empty: the scene's name
   JobSettings settings;      // settings.update.base: the base job
   int priority = 0;

@@ -64,6 +64,10 @@ StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& re
   listing.folder = AbsolutePath(scene.folder);
   listing.name = scene.name;
   listing.files = scene.files;
+  listing.place.frame = scene.frame;
+  listing.place.up = scene.up_in_local;
+  listing.place.classes = scene.classes;
+  listing.place.source = scene.source;
   return listing;
 }
 

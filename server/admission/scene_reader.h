@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/exporting/export_scene.h"
 #include "common/storage/allowed_files.h"
 
 namespace tessera {
@@ -25,6 +26,7 @@ struct SceneListing {
   // As in JobSettings. If the request has none: the default classifier, if the scene needs one and has its classes.
   std::string classifier = {};
   std::string classifier_content = {};  // of a trained classifier
+  ExportScene place = {};               // where the scene lies, for exports; without its GSD and ground
 };
 
 // Reads and validates the scene at `path`, a folder or its scene.json. Opens only what is allowed. INVALID_ARGUMENT

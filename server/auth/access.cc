@@ -24,6 +24,7 @@ constexpr RoleSet kSubmitters = kSubmitter | kAdmin;
 const std::map<std::string, RoleSet>& Rules() {
   static const std::map<std::string, RoleSet> kRules = {
       {"/tessera.v1.Jobs/CreateJob", kSubmitters},
+      {"/tessera.v1.Jobs/ExportJob", kSubmitters},
       {"/tessera.v1.Jobs/GetJob", kReaders},
       {"/tessera.v1.Jobs/ListJobs", kReaders},
       {"/tessera.v1.Jobs/CancelJob", kSubmitters},

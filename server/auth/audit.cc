@@ -24,6 +24,12 @@ LogFields OfCreate(const v1::CreateJobRequest& request) {
   return fields;
 }
 
+LogFields OfExport(const v1::ExportJobRequest& request) {
+  LogFields fields = {{"base", request.name()}, {"name", request.display_name()}};
+  if (!request.request_id().empty()) fields.emplace_back("request_id", request.request_id());
+  return fields;
+}
+
 LogFields OfChange(const v1::ChangeJobRequest& request) {
   LogFields fields = {{"job", request.name()}};
   if (request.has_priority()) fields.emplace_back("priority", std::to_string(request.priority()));
@@ -48,8 +54,8 @@ std::string_view Action(std::string_view method) { return method.substr(method.r
 
 bool IsAudited(std::string_view method) {
   if (!method.starts_with("/tessera.v1.")) return false;
-  for (const char* const action : {"CreateJob", "CancelJob", "ChangeJob", "RetryJob", "DeleteJob", "RegisterWorker",
-                                   "UnregisterWorker", "WriteBlob"}) {
+  for (const char* const action : {"CreateJob", "ExportJob", "CancelJob", "ChangeJob", "RetryJob", "DeleteJob",
+                                   "RegisterWorker", "UnregisterWorker", "WriteBlob"}) {
     if (Action(method) == action) return true;
   }
   return false;
@@ -60,6 +66,7 @@ std::optional<LogFields> AuditedRequest(std::string_view method, const MessageLi
   if (const auto* create = As<v1::CreateJobRequest>(message)) {
     return create->validate_only() ? std::nullopt : std::optional(OfCreate(*create));
   }
+  if (const auto* exported = As<v1::ExportJobRequest>(message)) return OfExport(*exported);
   if (const auto* change = As<v1::ChangeJobRequest>(message)) return OfChange(*change);
   if (const auto* retry = As<v1::RetryJobRequest>(message)) return OfRetry(*retry);
   if (const auto* cancel = As<v1::CancelJobRequest>(message)) return LogFields{{"job", cancel->name()}};
@@ -73,7 +80,7 @@ std::optional<LogFields> AuditedRequest(std::string_view method, const MessageLi
 }
 
 LogFields AuditedResponse(std::string_view method, const MessageLite& message) {
-  if (Action(method) == "CreateJob") {
+  if (Action(method) == "CreateJob" || Action(method) == "ExportJob") {
     if (const auto* job = As<v1::Job>(message)) return {{"job", job->name()}};
   }
   if (const auto* registered = As<v1::RegisterWorkerResponse>(message)) return {{"worker", registered->worker()}};

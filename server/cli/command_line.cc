@@ -12,6 +12,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "common/base/clock.h"
+#include "common/exporting/export_format.h"
 #include "common/storage/files.h"
 #include "server/cli/commands.h"
 #include "server/client/artifacts.h"
@@ -180,6 +181,43 @@ void AddUpdateOptions(CLI::App& command, const std::string& base_values, JobFlag
       .add_flag("--from-scratch", update.from_scratch,
                 "Refine changed tiles from the start mesh, and every tile that depends on them; the result equals a "
                 "job on all images")
+      ->group(group);
+}
+
+void AddExportOptions(CLI::App& command, ExportSettings* settings) {
+  const char* const group = "Export";
+  std::string formats;
+  for (const ExportFormat& format : ExportFormats()) {
+    absl::StrAppend(&formats, formats.empty() ? "" : "; ", std::string(format.name), " (", std::string(format.what),
+                    ")");
+  }
+  command.add_option("--formats", settings->formats, "Also export the result to OUT/export/FORMAT/: " + formats)
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("FORMAT[,FORMAT]")
+      ->group(group);
+  command
+      .add_option("--export-crs", settings->crs,
+                  "Coordinate reference system of exported files (default: that of the scene's source)")
+      ->type_name("EPSG:H[+V]")
+      ->group(group);
+  command
+      .add_option("--color", settings->color,
+                  "What colours of vertices show (default class); image: the photographs, which takes longer")
+      ->type_name("class|image|confidence|displacement")
+      ->group(group);
+  command
+      .add_option("--export-gsd", settings->gsd_m,
+                  "Size of a pixel of exported rasters in metres (default: the GSD of the scene)")
+      ->check(CLI::PositiveNumber)
+      ->type_name("METRES")
+      ->group(group);
+  command
+      .add_option_function<std::string>(
+          "--materials", [settings](const std::string& by) { settings->class_materials = by == "class"; },
+          "obj: a material for each class")
+      ->check(CLI::IsMember({"class"}))
+      ->type_name("class")
       ->group(group);
 }
 

@@ -57,6 +57,8 @@ void AddSceneOptions(CLI::App& command, double* skip_images, bool* anyway);
 // Adds the options of an update: --base, --withdraw, --epochs, --from-scratch. `base_values` describes what --base
 // accepts.
 void AddUpdateOptions(CLI::App& command, const std::string& base_values, JobFlags* flags);
+// Adds the options of exports: --formats, --export-crs, --color, --export-gsd, --materials.
+void AddExportOptions(CLI::App& command, ExportSettings* settings);
 // Adds --max-price and --price-per-core-hour.
 void AddPriceLimit(CLI::App& command, JobFlags* flags);
 

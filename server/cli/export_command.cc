@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <memory>
+#include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -11,6 +12,7 @@
 #include "common/exporting/folder/export_folder.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
+#include "server/cli/export_job_command.h"
 #include "server/client/interrupt.h"
 #include "server/client/job_text.h"
 #include "server/display/stage_line.h"
@@ -20,30 +22,41 @@ namespace {
 
 struct ExportArguments {
   ExportRequest request;
+  Endpoint coordinator;  // for jobs
   std::string color = "class", materials;
   bool quiet = false;
 };
 
-// RESULT is a job of a coordinator: "jobs/1".
-StatusOr<std::vector<ExportedFormat>> ExportJobResult(const ExportArguments& arguments, Warnings* /*warnings*/,
-                                                      const TaskControl& /*control*/) {
-  return InputError(
-      arguments.request.result, "", "the name of a job",
-      absl::StrCat("the folder of a result: run `tessera fetch ", arguments.request.result, " --out RESULT` first"));
-}
+bool IsJob(const std::string& result) { return absl::StartsWith(result, "jobs/"); }
 
-StatusOr<std::vector<ExportedFormat>> Export(ExportArguments arguments, Warnings* warnings) {
-  ExportOptions& options = arguments.request.options;
+ExportOptions OptionsOf(const ExportArguments& arguments) {
+  ExportOptions options = arguments.request.options;
   std::sort(options.formats.begin(), options.formats.end());
   options.formats.erase(std::unique(options.formats.begin(), options.formats.end()), options.formats.end());
   options.color = FindVertexColor(arguments.color).value_or(VertexColor::kClass);
   options.class_materials = !arguments.materials.empty();
+  return options;
+}
+
+StatusOr<int> ExportJob(const ExportArguments& arguments) {
+  for (const auto& [option, value] :
+       {std::pair("--scene", arguments.request.scene), {"--start", arguments.request.start}}) {
+    if (!value.empty()) {
+      return InputError(option, "", value, "no such option for a job: the coordinator has its scene and start mesh");
+    }
+  }
+  return ExportResultOfJob(arguments.coordinator, arguments.request.result, OptionsOf(arguments),
+                           arguments.request.out);
+}
+
+StatusOr<std::vector<ExportedFormat>> ExportFiles(const ExportArguments& arguments, Warnings* warnings) {
+  ExportRequest request = arguments.request;
+  request.options = OptionsOf(arguments);
   StageLine line(!arguments.quiet);
   TaskControl control;
   control.report = [&](double fraction, const std::string& stage) { line.Show(fraction, stage); };
   control.cancelled = [] { return Interrupts() > 0; };
-  if (absl::StartsWith(arguments.request.result, "jobs/")) return ExportJobResult(arguments, warnings, control);
-  return ExportFolder(arguments.request, warnings, control);
+  return ExportFolder(request, warnings, control);
 }
 
 std::string FormatRows() {
@@ -70,7 +83,9 @@ void AddExportCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<ExportArguments>();
   ExportRequest& request = arguments->request;
   CLI::App* command = app.add_subcommand("export", "Make files for other programs of a result");
-  command->add_option("RESULT", request.result, "Folder of a result: OUT of `tessera run` or `tessera fetch`")
+  command
+      ->add_option("RESULT", request.result,
+                   "Folder of a result: OUT of `tessera run` or `tessera fetch`; or a job that has ended: jobs/1")
       ->required();
   command->add_option("--to", request.options.formats, "Formats, separated by commas (see below)")
       ->type_name("FORMAT,...")
@@ -78,6 +93,7 @@ void AddExportCommand(CLI::App& app, int* exit_code) {
       ->allow_extra_args(false)
       ->required();
   command->add_option("--out", request.out, "Folder for the files, new or empty")->type_name("DIR")->required();
+  AddCoordinatorOption(*command, &arguments->coordinator);
   command
       ->add_option("--crs", request.options.crs,
                    "Reference system of the files: EPSG:H, EPSG:H+V, ENU:LAT,LON[,H] or local (default: that of the "
@@ -106,12 +122,18 @@ void AddExportCommand(CLI::App& app, int* exit_code) {
       "Examples:\n"
       "  tessera export out --to changes --crs EPSG:25832 --out gis\n"
       "  tessera export out --to 3dtiles,glb --scene scene --out web\n"
+      "  tessera export jobs/1 --to 3dtiles --out web\n"
       "  tessera export out --to obj --materials class --out retouch\n"
       "  tessera export out --to dsm,ortho --scene scene --gsd 0.1 --crs EPSG:25832+7837 --out rasters"));
   command->callback([arguments, exit_code] {
+    if (IsJob(arguments->request.result)) {
+      const StatusOr<int> code = ExportJob(*arguments);
+      *exit_code = code.ok() ? *code : ReportError("export", code.status());
+      return;
+    }
     InstallInterruptCounter();
     Warnings warnings;
-    const StatusOr<std::vector<ExportedFormat>> exported = Export(*arguments, &warnings);
+    const StatusOr<std::vector<ExportedFormat>> exported = ExportFiles(*arguments, &warnings);
     if (!exported.ok()) *exit_code = ReportError("export", exported.status());
     PrintWarnings(warnings);
     if (absl::IsAlreadyExists(exported.status())) *exit_code = kExitUsage;

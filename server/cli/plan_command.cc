@@ -211,6 +211,7 @@ void AddPlanCommand(CLI::App& app, int* exit_code) {
       *command,
       "The --out folder of an earlier run (with its .tessera); with --coordinator one of its jobs, such as jobs/3",
       &flags->job);
+  AddExportOptions(*command, &flags->job.settings.exports);
   command->add_option("--coordinator", flags->coordinator.address,
                       "With --base: address of the coordinator of the base job, HOST:PORT or unix:PATH; it reads the "
                       "scene and plans");

@@ -10,6 +10,7 @@
 #include "common/base/clock.h"
 #include "common/base/machine_limits.h"
 #include "common/base/printable.h"
+#include "common/job/task_parameters.h"
 #include "common/storage/files.h"
 #include "common/storage/temporary_name.h"
 #include "server/cli/command_line.h"
@@ -98,7 +99,7 @@ RunOutcome WaitForJob(LocalCluster& cluster, LocalJob& job, ProgressDisplay& dis
   return outcome;
 }
 
-int ReportOutcome(const RunOutcome& outcome, const Folders& folders, double seconds) {
+int ReportOutcome(const RunOutcome& outcome, const Folders& folders, bool exports, double seconds) {
   if (!outcome.status.ok()) {
     const int code = ReportError("run", outcome.status);
     PrintWarnings(outcome.warnings);
@@ -112,6 +113,7 @@ int ReportOutcome(const RunOutcome& outcome, const Folders& folders, double seco
   for (const std::string& line : RunSummary(folders.out)) std::printf("%s\n", PrintableLines(line).c_str());
   std::printf("time: %s\n", FormatDuration(seconds).c_str());
   std::printf("result: %s/mesh.ply\n", folders.out.c_str());
+  if (exports) std::printf("exports: %s/%s\n", folders.out.c_str(), kExportFolder);
   return code == kExitOk && ResultIsWorse(folders.out) ? kExitPartial : code;
 }
 
@@ -157,7 +159,8 @@ StatusOr<int> Run(const RunFlags& flags) {
   if (outcome.state && outcome.state->job && outcome.state->job->state() == v1::JOB_STATE_SUCCEEDED) {
     TESSERA_RETURN_IF_ERROR(WriteRunResult(folders.state, {options.data_dir, outcome.state->job->name()}));
   }
-  return ReportOutcome(outcome, folders, static_cast<double>(clock.MonotonicUs() - start_us) / 1e6);
+  const bool exports = !flags.job.settings.exports.formats.empty();
+  return ReportOutcome(outcome, folders, exports, static_cast<double>(clock.MonotonicUs() - start_us) / 1e6);
 }
 
 }  // namespace
@@ -180,6 +183,7 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
   AddJobOptions(*command, &flags->job);
   AddUpdateOptions(*command, "The --out folder of an earlier run (with its .tessera), or jobs/J of --data",
                    &flags->job);
+  AddExportOptions(*command, &flags->job.settings.exports);
   AddPriceLimit(*command, &flags->job);
   command->add_option("--out", flags->out, "Folder for the results")->required();
   command->add_option("--data", flags->data, "Folder for the coordinator's state (default OUT/.tessera/data)");

@@ -83,6 +83,7 @@ void AddOptions(CLI::App& command, SubmitFlags* flags) {
   AddCoordinatorOption(command, &flags->coordinator);
   AddJobOptions(command, &flags->job);
   AddUpdateOptions(command, kBaseValues, &flags->job);
+  AddExportOptions(command, &flags->job.settings.exports);
   AddPriceLimit(command, &flags->job);
   AddPriorityOption(command, "--priority", &flags->priority);
   AddSubmitOptions(command, "Display name of the job (default: the scene's name)",

@@ -96,6 +96,11 @@ Status Connection::CreateJob(const v1::CreateJobRequest& request, v1::Job* job) 
                      repeatable ? Idempotency::kIdempotent : Idempotency::kOnce, kCreateSeconds);
 }
 
+Status Connection::ExportJob(const v1::ExportJobRequest& request, v1::Job* job) {
+  return impl_->Call(*impl_->jobs, &v1::Jobs::Stub::ExportJob, request, job,
+                     request.request_id().empty() ? Idempotency::kOnce : Idempotency::kIdempotent, kCreateSeconds);
+}
+
 Status Connection::GetJob(const std::string& name, v1::Job* job) {
   v1::GetJobRequest request;
   request.set_name(name);

@@ -15,6 +15,7 @@ namespace tessera {
 namespace v1 {
 class ChangeJobRequest;
 class CreateJobRequest;
+class ExportJobRequest;
 class Job;
 class ListAttemptsResponse;
 class ListJobsResponse;
@@ -33,6 +34,8 @@ class Connection {
 
   // Retried only if the request has a request_id or is validate_only.
   Status CreateJob(const v1::CreateJobRequest& request, v1::Job* job);
+  // Retried only if the request has a request_id.
+  Status ExportJob(const v1::ExportJobRequest& request, v1::Job* job);
   Status GetJob(const std::string& name, v1::Job* job);
   Status CancelJob(const std::string& name, v1::Job* job);
   Status ChangeJob(const v1::ChangeJobRequest& request, v1::Job* job);

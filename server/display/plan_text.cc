@@ -44,9 +44,9 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
   }
   double most = 0;
   for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.Total().core_seconds);
-  const double mean =
-      (quote.core_seconds - quote.ingest.core_seconds - quote.classify.core_seconds - quote.publish.core_seconds) /
-      static_cast<double>(std::max<size_t>(1, quote.tiles.size()));
+  const double mean = (quote.core_seconds - quote.ingest.core_seconds - quote.classify.core_seconds -
+                       quote.publish.core_seconds - quote.exports.core_seconds) /
+                      static_cast<double>(std::max<size_t>(1, quote.tiles.size()));
   const double km2 = quote.area_m2 / kSquareKilometre,
                wall_s = WallSeconds(quote, terms.workers, terms.threads_per_worker);
   const Interval& i = quote.interval;
@@ -64,6 +64,10 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
   if (quote.classify.core_seconds > 0) {
     absl::StrAppendFormat(&out, "classify: %.0f core-s, %.0f MiB\n", quote.classify.core_seconds,
                           static_cast<double>(quote.classify.peak_bytes) / kMiB);
+  }
+  if (quote.exports.core_seconds > 0) {
+    absl::StrAppendFormat(&out, "exports: %.0f core-s, %.0f MiB\n", quote.exports.core_seconds,
+                          static_cast<double>(quote.exports.peak_bytes) / kMiB);
   }
   absl::StrAppendFormat(&out, "memory of a worker: %.0f MiB at most\n", static_cast<double>(quote.peak_bytes) / kMiB);
   const double stored_gib = static_cast<double>(quote.stored_bytes) / kGiB;
@@ -126,6 +130,7 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
   json["ingest"] = cost(quote.ingest);
   if (quote.classify.core_seconds > 0) json["classify"] = cost(quote.classify);
   json["publish"] = cost(quote.publish);
+  if (quote.exports.core_seconds > 0) json["exports"] = cost(quote.exports);
   json["tiles"] = std::move(tiles);
   return json.dump(1) + "\n";
 }

@@ -42,6 +42,18 @@ grpc::Status JobsService::CreateJob(grpc::ServerContext* context, const v1::Crea
   return grpc::Status::OK;
 }
 
+grpc::Status JobsService::ExportJob(grpc::ServerContext* context, const v1::ExportJobRequest* request,
+                                    v1::Job* response) {
+  v1::CreateJobRequest create;
+  create.set_request_id(request->request_id());
+  create.set_display_name(request->display_name());
+  create.set_priority(request->priority());
+  create.mutable_settings()->mutable_update()->set_base(request->name());
+  create.mutable_settings()->mutable_update()->set_export_only(true);
+  *create.mutable_settings()->mutable_export_() = request->export_();
+  return CreateJob(context, &create, response);
+}
+
 grpc::Status JobsService::GetJob(grpc::ServerContext*, const v1::GetJobRequest* request, v1::Job* response) {
   const auto job = jobs_.GetJob(request->name());
   if (!job.ok()) return ToGrpc(job.status());

@@ -31,6 +31,7 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
                                         environment.scene_files, environment.scenes_over_network}),
         watches_(core, jobs, environment.access, &limits) {}
   grpc::Status CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request, v1::Job* response) override;
+  grpc::Status ExportJob(grpc::ServerContext* context, const v1::ExportJobRequest* request, v1::Job* response) override;
   grpc::Status GetJob(grpc::ServerContext* context, const v1::GetJobRequest* request, v1::Job* response) override;
   grpc::Status ListJobs(grpc::ServerContext* context, const v1::ListJobsRequest* request,
                         v1::ListJobsResponse* response) override;

@@ -10,6 +10,7 @@
 #include "server/jobs/planner.h"
 #include "server/ledger/base_of.h"
 #include "server/plan/rollback.h"
+#include "server/settings/export_settings.h"
 
 namespace tessera {
 namespace {
@@ -34,10 +35,47 @@ StatusOr<NewJob> CompleteRollback(DispatchCore& core, Recovery& recovery, NewJob
   return job;
 }
 
+// With the base's scene, whose photographs the export may read.
+StatusOr<NewJob> CompleteExport(DispatchCore& core, NewJob job) {
+  std::lock_guard lock(core.mutex());
+  TESSERA_ASSIGN_OR_RETURN(const UpdateBase base, BaseOf(core.ledger(), job.settings.update));
+  TESSERA_ASSIGN_OR_RETURN(const int index, core.ledger().FindJob(base.name));
+  const JobHeader& header = core.ledger().jobs()[index].header;
+  TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, header.settings));
+  job.scene_path = header.scene_path;
+  job.scene_files = base.scene_files;
+  if (job.display_name.empty()) job.display_name = header.display_name;
+  return job;
+}
+
+// Whether the exports of a job with a base are possible. Reads the base's survey, which has the scene's place.
+Status CheckExportsOfBase(DispatchCore& core, Recovery& recovery, const JobSettings& settings) {
+  if (settings.exports.formats.empty()) return absl::OkStatus();
+  UpdateBase base;
+  {
+    std::lock_guard lock(core.mutex());
+    TESSERA_ASSIGN_OR_RETURN(base, BaseOf(core.ledger(), settings.update));
+  }
+  const bool has_changes = !settings.update.export_only || base.changes;  // an update makes them
+  for (const std::string& name : settings.exports.formats) {
+    const ExportFormat* const format = FindExportFormat(name);
+    if (format == nullptr || !format->reads_changes || has_changes) continue;
+    return absl::InvalidArgumentError("formats: found " + name + " for " + base.name +
+                                      ", which has no changes.geojson, expected an update with a new flight");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const std::string json, recovery.ReadSurveyOf(base));
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(json));
+  return CheckExports(settings, survey);
+}
+
 }  // namespace
 
 StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job) {
+  if (!job.settings.update.base.empty()) {
+    TESSERA_RETURN_IF_ERROR(CheckExportsOfBase(core, recovery, job.settings));
+  }
   if (!job.settings.update.rollback_to.empty()) return CompleteRollback(core, recovery, std::move(job));
+  if (job.settings.update.export_only) return CompleteExport(core, std::move(job));
   for (const NamedDigest& file : job.scene_files) {
     if (!IsCarried(file.name)) continue;
     return InputError(job.scene_path + "/" + file.name, "", "a file in a folder of this name", "none: it is reserved");

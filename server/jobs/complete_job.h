@@ -24,8 +24,9 @@ struct NewJob {
 };
 
 // The job as it would be accepted. An update gets the settings of its base and the base's files that its scene lacks; a
-// rollback gets the base's scene and, if it names no tiles, all tiles that differ. Fails with an error for the user if
-// the job cannot be planned; UNAVAILABLE while the base's survey is recomputed. Call without the core's mutex.
+// rollback gets the base's scene and, if it names no tiles, all tiles that differ; an export the base's scene. Fails
+// with an error for the user if the job cannot be planned; UNAVAILABLE while the base's survey is recomputed. Call
+// without the core's mutex.
 StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job);
 
 }  // namespace tessera

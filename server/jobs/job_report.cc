@@ -147,6 +147,14 @@ std::string JobReport::Head() const {
                  {"method_settings", Json::parse(ToJson(settings.method_settings))}}},
                {"state", Name(end_)}};
   if (!settings.classifier.empty()) json["settings"]["classifier"] = settings.classifier;
+  if (!settings.exports.formats.empty()) {
+    const ExportSettings& exports = settings.exports;
+    json["settings"]["export"] = {{"formats", exports.formats},
+                                  {"crs", exports.crs},
+                                  {"color", exports.color},
+                                  {"gsd_m", exports.gsd_m},
+                                  {"class_materials", exports.class_materials}};
+  }
   if (const UpdateSettings& update = settings.update; !update.rollback_to.empty()) {
     json["rollback"] = {{"to", update.rollback_to}, {"tiles", update.rollback_tiles}};
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <functional>
 #include <mutex>
+#include <string_view>
 
 #include "common/job/task_parameters.h"
 #include "server/jobs/job_report.h"
@@ -15,6 +16,11 @@ namespace {
 
 constexpr int kReportedAtOnce = 256;                  // tasks per hold of the mutex
 constexpr int64_t kMaxReadsBytes = int64_t{1} << 20;  // of a tile's kReadsFile
+
+// Whether an output of a task that makes artifacts is a result; others are inputs of later tasks.
+bool IsResult(std::string_view kind, const std::string& output) {
+  return kind == kExportKind ? output.starts_with(kExportFolder) : output != kOutdatedFile;
+}
 
 }  // namespace
 
@@ -66,7 +72,7 @@ std::optional<PendingStep> NextStep(const Ledger& ledger) {
     for (const JobTask& task : job.tasks) {
       if (task.superseded || !KindOf(task.plan.kind.str()).makes_artifacts) continue;
       for (const StoredFile& file : task.outputs) {
-        if (file.name != kOutdatedFile) step.artifacts.push_back(file);  // an input of publish, not a result
+        if (IsResult(task.plan.kind.str(), file.name.str())) step.artifacts.push_back(file);
       }
     }
     step.end = job.quarantined.empty() ? JobState::kSucceeded : JobState::kPartial;

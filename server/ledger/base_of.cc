@@ -28,16 +28,32 @@ MeasuredCosts MeasuredIn(const Ledger& ledger, const Job& last) {
   return measured;
 }
 
-}  // namespace
-
-StatusOr<UpdateBase> BaseOf(const Ledger& ledger, const std::string& name) {
-  TESSERA_ASSIGN_OR_RETURN(const int index, ledger.FindJob(name));
-  const Job& job = ledger.jobs()[index];
-  if (job.header.state != JobState::kSucceeded) {
-    return absl::FailedPreconditionError(name + " has not succeeded: the base of an update must have succeeded");
+Status CheckMayUpdate(const Ledger& ledger, int index) {
+  const JobHeader& header = ledger.jobs()[index].header;
+  if (header.state != JobState::kSucceeded) {
+    return absl::FailedPreconditionError(header.name + " has not succeeded: the base of an update must have succeeded");
   }
-  TESSERA_RETURN_IF_ERROR(ledger.CheckVersion(
-      index, "its results cannot be combined with new ones; submit its scene as a job without a base"));
+  return ledger.CheckVersion(index,
+                             "its results cannot be combined with new ones; submit its scene as a job without a base");
+}
+
+Status CheckMayExport(const Ledger& ledger, int index) {
+  const JobHeader& header = ledger.jobs()[index].header;
+  if (header.state != JobState::kSucceeded && header.state != JobState::kPartial) {
+    return absl::FailedPreconditionError(header.name + " has no result, or not yet: nothing to export");
+  }
+  return ledger.CheckVersion(index, "fetch its result and export the folder (tessera export DIR)");
+}
+
+// Of a job that passed one of these checks.
+StatusOr<UpdateBase> ResultOf(const Ledger& ledger, int index) {
+  const Job& job = ledger.jobs()[index];
+  const std::string& name = job.header.name;
+  const UpdateSettings& update = job.header.settings.update;
+  if (update.export_only) {
+    return absl::FailedPreconditionError(name + " only exports the result of " + update.base + ": name " + update.base +
+                                         " instead");
+  }
   UpdateBase base;
   base.name = name;
   base.scene_files = job.scene_files;
@@ -45,10 +61,15 @@ StatusOr<UpdateBase> BaseOf(const Ledger& ledger, const std::string& name) {
     if (task.superseded) continue;
     for (const StoredFile& output : task.outputs) {
       if (output.name == kBordersFile) base.borders = output.digest();
+      if (output.name == kChangesGeoJsonFile) base.changes = output.digest();
     }
     if (task.plan.kind != kPublishKind) continue;
     TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(task.plan.parameters));
     base.tiles = parameters.tiles;
+    base.quarantined = parameters.quarantined;
+    for (const StoredFile& output : task.outputs) {
+      if (output.name == kMeshFile) base.mesh = output.digest();
+    }
     base.flip_edges = parameters.flip_edges;
     const auto skip_gone = [&base] {
       std::vector<Digest>& states = base.states;
@@ -78,7 +99,20 @@ StatusOr<UpdateBase> BaseOf(const Ledger& ledger, const std::string& name) {
   return base;
 }
 
+}  // namespace
+
+StatusOr<UpdateBase> BaseOf(const Ledger& ledger, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(const int index, ledger.FindJob(name));
+  TESSERA_RETURN_IF_ERROR(CheckMayUpdate(ledger, index));
+  return ResultOf(ledger, index);
+}
+
 StatusOr<UpdateBase> BaseOf(const Ledger& ledger, const UpdateSettings& update) {
+  if (update.export_only) {
+    TESSERA_ASSIGN_OR_RETURN(const int index, ledger.FindJob(update.base));
+    TESSERA_RETURN_IF_ERROR(CheckMayExport(ledger, index));
+    return ResultOf(ledger, index);
+  }
   TESSERA_ASSIGN_OR_RETURN(UpdateBase base, BaseOf(ledger, update.base));
   if (update.rollback_to.empty()) return base;
   TESSERA_ASSIGN_OR_RETURN(const UpdateBase earlier, BaseOf(ledger, update.rollback_to));

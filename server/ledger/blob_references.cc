@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 
+#include "common/exporting/export_parameters.h"
 #include "common/job/task_parameters.h"
 #include "server/ledger/ledger.h"
 #include "server/ledger/record_owner.h"
@@ -27,7 +28,7 @@ void BlobReferences::AddOutputs(const JobHeader& job, bool runs, absl::Span<cons
   for (const StoredFile& output : outputs) {
     const uint64_t id = IdOf(output.sha256.Hex());
     const bool handed_on = output.name == kTileFile || output.name == kViewsFile || output.name == kSumsFile ||
-                           output.name.str().ends_with(kLikelihoodsEnding);
+                           output.name.str().ends_with(kLikelihoodsEnding) || IsPassedOn(output.name.str());
     if (runs || !handed_on) {
       needed_.insert(id);
     } else {

@@ -198,7 +198,7 @@ struct Job {
   std::deque<JobTask> tasks;                 // by phase; a growing vector would need three times the memory
   int unfinished = 0;                        // tasks that have not succeeded, without superseded ones
   int failed = -1;                           // first task that failed permanently; -1: none
-  bool planned_to_end = false;               // has a publish task, or only a plan was requested
+  bool planned_to_end = false;               // has a publish or export task, or only a plan was requested
   std::vector<QuarantinedTile> quarantined;  // sorted by tile
   bool needs_replan = false;                 // the phase after the cuts, since a tile was quarantined or retried
   int open_plan = -1;                        // first task of a plan whose last record is missing; -1: none

@@ -137,7 +137,7 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
       added.missing += producer.state != TaskState::kSucceeded;
       added.depth = std::max(added.depth, producer.depth + 1);
     }
-    job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind ||
+    job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind || added.plan.kind == kExportKind ||
                          (added.plan.kind == kPlanKind && job.header.settings.update.plan_only);
     if (!added.plan.given->empty()) {
       added.state = TaskState::kSucceeded;

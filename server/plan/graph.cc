@@ -12,28 +12,19 @@
 #include "common/job/survey.h"
 #include "server/plan/change_tasks.h"
 #include "server/plan/classify_tasks.h"
+#include "server/plan/export_tasks.h"
+#include "server/plan/graph_tile.h"
 #include "server/plan/stages.h"
 #include "server/plan/update_plan.h"
+#include "server/settings/export_settings.h"
 #include "server/tiling/cell_index.h"
 #include "server/tiling/cost_model.h"
+#include "server/tiling/export_cost.h"
 #include "server/tiling/quote.h"
 #include "server/tiling/tiling.h"
 
 namespace tessera {
 namespace {
-
-// A tile and its planned tasks that other tasks read.
-struct GraphTile {
-  TileParameters parameters;
-  TileWork work;
-  TaskId cut, crop;
-  std::optional<PlannedInput> sums, state;  // latest outputs
-  bool redone = true;                       // false: an update keeps the base's state
-  // First stage (StageOf) without tasks, because the tile is quarantined; it keeps the state before.
-  int frozen_from = std::numeric_limits<int>::max();
-  bool never_started() const { return frozen_from < 0; }
-  bool gone() const { return parameters.core.empty(); }
-};
 
 class Graph {
  public:
@@ -212,7 +203,8 @@ class Graph {
     TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_, costs_));
     const Prediction ingest = update_cost_, compare = CostOfChanges(),
                      publish = costs_.Corrected(kPublishKind, PredictPublish(survey_));
-    double core_seconds = ingest.core_seconds + publish.core_seconds + compare.core_seconds;
+    TESSERA_ASSIGN_OR_RETURN(const Prediction exports, PredictExports(settings_, survey_));
+    double core_seconds = ingest.core_seconds + publish.core_seconds + compare.core_seconds + exports.core_seconds;
     for (const TileChange& change : changes_) core_seconds += change.predicted.core_seconds;
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, continues_base_ ? core_seconds : full.core_seconds));
     PlannedTask task;
@@ -234,10 +226,12 @@ class Graph {
       const auto after = tile.gone() ? std::nullopt : std::optional(tile.state.value_or(of_base));
       work.tiles.push_back({tile.gone() ? tiles_of_base_[t] : tile.parameters, of_base, after});
     }
-    for (PlannedTask& task : PlanChanges(work)) outdated_ = PlannedInput{Add(std::move(task)), kOutdatedFile};
+    for (PlannedTask& task : PlanChanges(work)) changes_from_ = Add(std::move(task));  // the last reports
+    if (changes_from_) outdated_ = PlannedInput{*changes_from_, kOutdatedFile};
   }
 
-  void AddPublish() {
+  // Publish, and the exports of its result.
+  Status AddPublish() {
     PublishParameters parameters;
     SetReported(survey_, &parameters);
     PlannedTask task;
@@ -248,9 +242,7 @@ class Graph {
       parameters.tiles.push_back(tile.parameters);
       if (tile.gone()) continue;
       if (!tile.redone) parameters.kept.push_back(tile.parameters.tile);
-      if (tile.redone && !Works(tile, std::numeric_limits<int>::max() - 1)) {
-        parameters.quarantined.push_back(tile.parameters.tile);
-      }
+      if (tile.quarantined()) parameters.quarantined.push_back(tile.parameters.tile);
       task.inputs.push_back(*tile.state);
     }
     if (redone().empty()) parameters.kept.clear();  // then the result, and so the key, is that of the base
@@ -258,7 +250,18 @@ class Graph {
     parameters.outdated = outdated_.has_value();
     parameters.flip_edges = MethodRulesOf(MethodName(), settings_.rounds, settings_.method_settings).flips_edges;
     task.parameters = ToJson(parameters);
-    Add(std::move(task));
+    const TaskId mesh_from = Add(std::move(task));
+    if (settings_.exports.formats.empty()) return absl::OkStatus();
+    TESSERA_ASSIGN_OR_RETURN(const ExportOptions options, ExportOptionsOf(settings_.exports));
+    ExportWork work = {options,    FormatsOf(options), survey_,   files_of_view_,
+                       city_from_, survey_from_,       mesh_from, size()};
+    for (const GraphTile& tile : tiles_) {
+      if (tile.quarantined() && !tile.gone()) work.quarantined.push_back(tile.parameters.core);
+    }
+    if (changes_from_) work.changes = PlannedInput{*changes_from_, kChangesGeoJsonFile};
+    TESSERA_ASSIGN_OR_RETURN(std::vector<PlannedTask> exports, PlanExports(work));
+    for (PlannedTask& each : exports) Add(std::move(each));
+    return absl::OkStatus();
   }
 
  private:
@@ -306,15 +309,6 @@ class Graph {
     return absl::OkStatus();
   }
 
-  static PlannedTask TaskOf(const GraphTile& tile, const char* kind, const Prediction& cost) {
-    PlannedTask task;
-    task.kind = kind;
-    task.tile = tile.parameters.tile;
-    task.name = absl::StrCat(kind, " tile ", task.tile);
-    SetCost(cost, &task);
-    return task;
-  }
-
   PlannedTask StepTask(const GraphTile& tile, const char* kind, const Prediction& cost, int step) const {
     PlannedTask task = TaskOf(tile, kind, cost);
     absl::StrAppend(&task.name, " step ", step);
@@ -344,11 +338,9 @@ class Graph {
 
   std::vector<int> Frozen(const std::vector<int>& ids, int stage) const {
     std::vector<int> frozen;
-    std::copy_if(ids.begin(), ids.end(), std::back_inserter(frozen), [&](int id) { return !Works(tiles_[id], stage); });
+    std::copy_if(ids.begin(), ids.end(), std::back_inserter(frozen), [&](int id) { return !tiles_[id].Works(stage); });
     return frozen;
   }
-
-  static bool Works(const GraphTile& tile, int stage) { return tile.redone && stage < tile.frozen_from; }
 
   // Adds a task for each active tile of the stage. Their outputs become the latest only after all tasks are added,
   // because tasks of one stage must not read each other. Tiles that are no longer active have no sums.
@@ -356,10 +348,10 @@ class Graph {
   void AddForEach(Latest latest, const char* file, int stage, const Make& make) {
     std::vector<std::pair<GraphTile*, TaskId>> made;
     for (GraphTile& tile : tiles_) {
-      if (!Works(tile, stage)) tile.sums.reset();
+      if (!tile.Works(stage)) tile.sums.reset();
     }
     for (GraphTile& tile : tiles_) {
-      if (Works(tile, stage)) made.emplace_back(&tile, Add(make(tile)));
+      if (tile.Works(stage)) made.emplace_back(&tile, Add(make(tile)));
     }
     for (const auto& [tile, task] : made) tile->*latest = PlannedInput{task, file, tile->parameters.tile};
   }
@@ -444,6 +436,7 @@ class Graph {
   std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;
   std::optional<PlannedInput> outdated_;  // kOutdatedFile of the base; after AddChanges, of its last task
+  std::optional<TaskId> changes_from_;
   Prediction update_cost_;
   CostScale costs_;
 };
@@ -453,12 +446,13 @@ class Graph {
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files, const UpdateBase* base) {
   TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
+  TESSERA_RETURN_IF_ERROR(CheckExports(settings, graph.survey()));
   const size_t first = graph.size();
   if (base != nullptr) {
     TESSERA_RETURN_IF_ERROR(graph.AddPlan(*base));
     if (settings.update.plan_only) return std::move(graph).TakeFrom(first);
     if (graph.redone().empty()) {
-      graph.AddPublish();
+      TESSERA_RETURN_IF_ERROR(graph.AddPublish());
       return std::move(graph).TakeFrom(first);
     }
   } else {
@@ -471,7 +465,7 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
     graph.AddCrops();
     graph.AddRefine();
     if (base != nullptr) graph.AddChanges();
-    graph.AddPublish();
+    TESSERA_RETURN_IF_ERROR(graph.AddPublish());
   }
   return std::move(graph).TakeFrom(first);
 }
@@ -490,7 +484,7 @@ StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const 
   graph.AddCrops();
   graph.AddSteps(reads);
   if (base != nullptr) graph.AddChanges();
-  graph.AddPublish();
+  TESSERA_RETURN_IF_ERROR(graph.AddPublish());
   return std::move(graph).TakeFrom(first);
 }
 

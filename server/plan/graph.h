@@ -22,19 +22,19 @@ namespace tessera {
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
 
 // Phase 1 of an update: a given task with the outputs of its base, and the task that updates the survey. `scene_files`:
-// sorted by name. A rollback has no further phases (PlanRollback).
+// sorted by name. A rollback and an export have no further phases (PlanRollback, PlanExportOnly).
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
                                               const UpdateBase& base);
 
-// Phase 2: one cut per tile, in order; for an untiled job all remaining tasks, publish last. For an update (`base` not
-// null): a given task with its plan, and the cuts of the redone tiles, or publish if there are none.
+// Phase 2: one cut per tile, in order; for an untiled job all remaining tasks, publish last, then exports. For an
+// update (`base` not null): a given task with its plan, and the cuts of the redone tiles, or publish if there are none.
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
                                              const UpdateBase* base = nullptr);
 
-// Phase 3 of a tiled job or an update, publish last. `reads`: kReadsFile of each tile that was cut, in order.
-// `quarantined`: tiles that keep their last repaired state before the failed task. Their tasks up to that state do not
-// change. FAILED_PRECONDITION if one of them has no state to keep.
+// Phase 3 of a tiled job or an update, publish last, then exports. `reads`: kReadsFile of each tile that was cut, in
+// order. `quarantined`: tiles that keep their last repaired state before the failed task. Their tasks up to that state
+// do not change. FAILED_PRECONDITION if one of them has no state to keep.
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
                                              const std::vector<TileReads>& reads, const UpdateBase* base = nullptr,

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "absl/strings/match.h"
+#include "server/plan/export_tasks.h"
 #include "server/plan/graph.h"
 #include "server/plan/rollback.h"
 
@@ -40,6 +41,11 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
                                               const UpdateBase& base) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   if (!settings.update.rollback_to.empty()) return PlanRollback(base);
+  if (settings.update.export_only) {
+    std::vector<std::string> names;
+    for (const NamedDigest& file : scene_files) names.push_back(file.name);
+    return PlanExportOnly(settings, names, base);
+  }
   if (base.tiles.size() != base.states.size() || base.tiles.empty()) {
     return absl::InvalidArgumentError(base.name +
                                       ": found no final states of its tiles, expected a succeeded job as base");

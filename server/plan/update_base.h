@@ -19,6 +19,9 @@ struct UpdateBase {
   std::string survey_json;     // content of `survey`
   std::vector<TileParameters> tiles;
   std::vector<Digest> states;            // final state of each tile; Digest() for a removed tile
+  Digest mesh;                           // its kMeshFile
+  std::vector<int> quarantined;          // tiles of a partial result, ascending
+  std::optional<Digest> changes;         // its kChangesGeoJsonFile
   std::optional<Digest> outdated;        // its kOutdatedFile
   std::optional<Digest> borders;         // its kBordersFile, if it computed likelihoods
   bool flip_edges = false;               // it published flipped edges

@@ -1,6 +1,7 @@
 #include "server/settings/job_settings.h"
 
 #include "absl/strings/str_cat.h"
+#include "server/settings/export_settings.h"
 
 namespace tessera {
 
@@ -71,6 +72,25 @@ Status CheckJobSettings(const JobSettings& settings) {
         absl::InvalidArgumentError("rollback: found tiles without an earlier job, or other update settings, expected "
                                    "an earlier job and its tiles only"));
   }
+  UpdateSettings export_only;
+  export_only.base = update.base;
+  export_only.export_only = true;
+  if (update.export_only && !(update == export_only && !settings.exports.formats.empty())) {
+    faults.Add(
+        absl::InvalidArgumentError("export: found no formats, or other update settings, expected the formats of the "
+                                   "base job's result only"));
+  }
+  if (!update.rollback_to.empty() && !settings.exports.formats.empty()) {
+    faults.Add(absl::InvalidArgumentError(
+        "export: found formats in a rollback, expected none: export the result of the rollback when it has ended"));
+  }
+  for (const std::string& name : settings.exports.formats) {
+    const ExportFormat* const format = FindExportFormat(name);
+    if (format == nullptr || !format->reads_changes || !update.base.empty()) continue;
+    faults.Add(absl::InvalidArgumentError(
+        absl::StrCat("formats: found ", name, " without a base job, expected it for updates only")));
+  }
+  if (!(settings.exports == ExportSettings())) faults.Add(ExportOptionsOf(settings.exports).status());
   return faults.ToStatus();
 }
 
@@ -99,6 +119,7 @@ StatusOr<JobSettings> SettingsOfUpdate(const JobSettings& asked, const JobSettin
   settings.anyway = standard.anyway;
   settings.update = asked.update;
   settings.max_core_seconds = asked.max_core_seconds;
+  settings.exports = asked.exports;
   return settings;
 }
 

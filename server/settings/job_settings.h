@@ -30,7 +30,18 @@ struct UpdateSettings {
   // none. Empty: no rollback. No tiles: all that differ.
   std::string rollback_to;
   std::vector<int> rollback_tiles;
+  bool export_only = false;  // exports the result of `base`, which may be partial, and refines nothing
   bool operator==(const UpdateSettings&) const = default;
+};
+
+// Exports of the result. ExportOptionsOf (export_settings.h) checks and converts them.
+struct ExportSettings {
+  std::vector<std::string> formats;  // none: no export
+  std::string crs;
+  std::string color;  // empty: "class"
+  double gsd_m = 0;
+  bool class_materials = false;
+  bool operator==(const ExportSettings&) const = default;
 };
 
 inline constexpr char kDefaultClassifier[] = "default", kNoClassifier[] = "none";
@@ -52,6 +63,7 @@ struct JobSettings {
   // Of the scene (SceneLoadOptions); not of updates, which continue a scene that was accepted.
   double skip_images = 0;
   bool anyway = false;
+  ExportSettings exports = {};  // an update does not inherit them from its base
 };
 
 // Whether the job computes likelihoods itself.

@@ -84,12 +84,31 @@ JobSettings FromProto(const v1::JobSettings& proto) {
                      update.from_scratch(),
                      update.plan_only(),
                      update.rollback_to(),
-                     {update.rollback_tiles().begin(), update.rollback_tiles().end()}};
+                     {update.rollback_tiles().begin(), update.rollback_tiles().end()},
+                     update.export_only()};
   settings.max_core_seconds = proto.max_core_seconds();
   settings.classifier = proto.classifier();
   settings.skip_images = proto.skip_images();
   settings.anyway = proto.anyway();
+  settings.exports = FromProto(proto.export_());
   return settings;
+}
+
+ExportSettings FromProto(const v1::ExportSettings& proto) {
+  return {{proto.formats().begin(), proto.formats().end()},
+          proto.crs(),
+          proto.color(),
+          proto.gsd_m(),
+          proto.class_materials()};
+}
+
+void ToProto(const ExportSettings& settings, v1::ExportSettings* proto) {
+  proto->Clear();
+  proto->mutable_formats()->Add(settings.formats.begin(), settings.formats.end());
+  proto->set_crs(settings.crs);
+  proto->set_color(settings.color);
+  proto->set_gsd_m(settings.gsd_m);
+  proto->set_class_materials(settings.class_materials);
 }
 
 void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
@@ -111,7 +130,9 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
     to.set_plan_only(update.plan_only);
     to.set_rollback_to(update.rollback_to);
     to.mutable_rollback_tiles()->Add(update.rollback_tiles.begin(), update.rollback_tiles.end());
+    to.set_export_only(update.export_only);
   }
+  if (!(settings.exports == ExportSettings())) ToProto(settings.exports, proto->mutable_export_());
   const MethodSettings& from = settings.method_settings;
   if (from == MethodSettings()) return;
   v1::MethodSettings& to = *proto->mutable_method_settings();

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/job/task_kinds.h"
+#include "server/tiling/export_cost.h"
 #include "server/tiling/tiling.h"
 
 namespace tessera {
@@ -74,13 +75,16 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
   for (const TileQuote& tile : quote.tiles) views.insert(tile.work.views.begin(), tile.work.views.end());
   quote.classify = PredictViews(survey, views, costs);
   quote += quote.classify;
+  TESSERA_ASSIGN_OR_RETURN(const Prediction exports, PredictExports(settings, survey));
+  quote.exports = costs.Corrected(kExportKind, exports);
+  quote += quote.exports;
   return quote;
 }
 
 double WallSeconds(const Quote& quote, int workers, int threads) {
-  // Classify tasks are many and similar, so they need no list scheduling.
-  double seconds =
-      quote.ingest.core_seconds + quote.publish.core_seconds + quote.classify.core_seconds / std::max(1, workers);
+  // Tasks of these kinds are many and similar, so they need no list scheduling.
+  const double many = quote.classify.core_seconds + quote.exports.core_seconds;
+  double seconds = quote.ingest.core_seconds + quote.publish.core_seconds + many / std::max(1, workers);
   for (const Prediction TileQuote::*stage : {&TileQuote::cut, &TileQuote::crop, &TileQuote::measure, &TileQuote::solve,
                                              &TileQuote::mend, &TileQuote::refine}) {
     std::vector<double> tasks;

@@ -27,6 +27,7 @@ struct Quote : Prediction {
   std::vector<TileQuote> tiles;
   Prediction ingest, publish;
   Prediction classify;                       // of all views, if the job classifies; largest memory
+  Prediction exports;                        // of all exports; largest memory
   double area_m2 = 0;                        // of the ground cells with faces
   double core_faces = 0, visible_faces = 0;  // summed over tiles: core faces, and faces of the visible sets
   // Prediction interval of a single task (90 % of the residuals of the model's fit), also used for the total. Errors do

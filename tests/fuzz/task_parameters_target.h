@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "common/exporting/export_parameters.h"
 #include "common/job/task_parameters.h"
 #include "tests/fuzz/promises.h"
 
@@ -50,6 +51,8 @@ inline bool RunTaskParametersTarget(const std::string& bytes) {
       return check(ParseClassifyParameters);
     case 'm':
       return check(ParseBordersParameters);
+    case 'n':
+      return check(ParseExportParameters);
     default:
       return false;
   }

@@ -66,7 +66,8 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
   TESSERA_ASSIGN_OR_RETURN(const std::string survey, ReadFile(tasks[0].output_dir + "/" + kSurveyFile));
   TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> tiles, PlanTiles(settings, survey, scene.files));
   TESSERA_RETURN_IF_ERROR(run(tiles));
-  if (tasks.back().planned.kind == kPublishKind) return tasks;
+  const auto is_publish = [](const LineTask& task) { return task.planned.kind == kPublishKind; };
+  if (std::any_of(tasks.begin(), tasks.end(), is_publish)) return tasks;
   std::vector<TileReads> reads;
   const auto is_cut = [](const LineTask& task) { return task.planned.kind == kCutKind; };
   const auto cuts = static_cast<int>(std::count_if(tasks.begin(), tasks.end(), is_cut));

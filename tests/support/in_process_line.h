@@ -21,8 +21,8 @@ struct LineTask {
 using TaskRunner = std::function<StatusOr<TaskOutcome>(const TaskRequest&)>;
 
 // Plans and runs the job on `scene_dir` in the plan's order, each task in a folder of its own under `work_dir` (made)
-// with nothing but links to its inputs. `quarantined`: as if these tasks had failed. The last task is publish: its
-// output_dir has mesh.ply.
+// with nothing but links to its inputs. `quarantined`: as if these tasks had failed. The last task is publish, if the
+// settings have no exports: its output_dir has mesh.ply.
 StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std::string& work_dir,
                                         const JobSettings& settings, const TaskRunner& runner = {},
                                         const std::vector<FailedTile>& quarantined = {});

@@ -64,7 +64,7 @@ StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& 
   TESSERA_RETURN_IF_ERROR(
       WriteChangeReport({scene, ground, whole, areas, survey.gsd_m, disagreement}, request.output_dir));
   TaskOutcome outcome;
-  outcome.outputs = {"changes.json", "changes.geojson", "changes.png", kOutdatedFile};
+  outcome.outputs = {"changes.json", kChangesGeoJsonFile, "changes.png", kOutdatedFile};
   int64_t unfollowed = 0;
   for (const ChangeArea& area : areas) unfollowed += area.followed && !*area.followed;
   if (unfollowed > 0) {

@@ -23,7 +23,7 @@ constexpr TaskFunction kFunctions[] = {
     {kIngestKind, RunIngest},     {kUpdateKind, RunUpdate},   {kCutKind, RunCut},         {kCropKind, RunCrop},
     {kRefineKind, RunRefine},     {kMeasureKind, RunMeasure}, {kSolveKind, RunSolve},     {kMendKind, RunRepair},
     {kCompareKind, RunCompare},   {kChangesKind, RunChanges}, {kPublishKind, RunPublish}, {kStartKind, RunStart},
-    {kClassifyKind, RunClassify}, {kBordersKind, RunBorders}};
+    {kClassifyKind, RunClassify}, {kBordersKind, RunBorders}, {kExportKind, RunExport}};
 
 constexpr const TaskFunction* FindFunction(std::string_view kind) {
   return std::find_if(std::begin(kFunctions), std::end(kFunctions),
@@ -52,7 +52,8 @@ Status UnknownKind(const std::string& kind) {
 // folder of the inputs exists only during the task and means nothing to the user.
 std::string WithoutFolder(const TaskRequest& request, std::string_view text) {
   const std::string scene = absl::StrCat(request.input_dir, "/", kSceneFolder);
-  return absl::StrReplaceAll(std::string(text), {{scene + "/", ""}, {scene, "the scene"}, {request.input_dir + "/", ""}});
+  return absl::StrReplaceAll(std::string(text),
+                             {{scene + "/", ""}, {scene, "the scene"}, {request.input_dir + "/", ""}});
 }
 
 }  // namespace

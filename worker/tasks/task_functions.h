@@ -53,6 +53,9 @@ StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& 
 // City, survey and the last states → mesh.ply in the scene's frame, and report.json.
 StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
+// One stage of an export of the published mesh (common/exporting/export_parameters.h).
+StatusOr<TaskOutcome> RunExport(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
 inline std::string InputPath(const TaskRequest& request, const std::string& name) {
   return request.input_dir + "/" + name;
 }

@@ -14,6 +14,7 @@
 #include "absl/strings/str_format.h"
 #include "common/base/machine_limits.h"
 #include "common/base/parallel.h"
+#include "common/exporting/color/color_sheet.h"
 #include "common/exporting/export_map.h"
 #include "common/exporting/folder/result_folder.h"
 #include "common/exporting/folder/split_mesh_file.h"
@@ -34,11 +35,6 @@ constexpr char kExportIndexFile[] = "export.json";
 constexpr double kSplitShare = 0.25, kStepShare = 0.35, kColorShare = 0.6, kSheetShare = 0.9, kJoinShare = 0.97;
 // Memory of the work on a sheet: photographs and buffers, and per face. A format may take 2 GiB for 2 million faces.
 constexpr int64_t kBytesPerWorker = int64_t{512} << 20, kBytesPerFace = 1024;
-
-// The colours of a sheet's vertices from the photographs.
-StatusOr<std::vector<Rgb>> ColorsFromPhotographs(const SheetInput& /*input*/, const TaskControl& /*control*/) {
-  return absl::UnimplementedError("--color image is not available yet: use --color class");
-}
 
 // Calls work(i) for each i < count on `workers` threads until one fails; returns the failure of the lowest i.
 Status ForEachSheet(size_t count, int workers, const std::function<Status(size_t)>& work) {
@@ -259,8 +255,7 @@ class FolderExport {
     if (!needs_colors_) return absl::OkStatus();
     return Step(kStepShare, kColorShare, "colouring", [&](size_t i, Sheet* sheet) -> Status {
       TESSERA_ASSIGN_OR_RETURN(const SheetInput input, InputOf(i, /*neighbours=*/true, /*photographs=*/true));
-      TESSERA_ASSIGN_OR_RETURN(sheet->colors, ColorsFromPhotographs(input, Quiet()));
-      return absl::OkStatus();
+      return ColorSheet(input, &sheet->colors, Quiet());
     });
   }
 

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "common/exporting/export_format.h"
 #include "tests/unit/server/admission/admission_fixture.h"
 
 namespace tessera {
@@ -121,6 +122,35 @@ TEST_F(AdmissionTest, InvalidSubmissionsAreRefusedBeforeTheSceneIsRead) {
   Submission local = ASubmission();
   local.is_local = true;
   EXPECT_TRUE(Submit(local).ok());
+}
+
+TEST_F(AdmissionTest, ExportsOfAJobReadNoScene) {
+  Submission submission = ASubmission();
+  submission.scene_path.clear();
+  submission.settings.update.base = "jobs/7";
+  submission.settings.update.export_only = true;
+  submission.settings.exports.formats = {"changes"};
+  environment_.scenes_over_network = false;
+  EXPECT_EQ(Submit(submission).status().code(), absl::StatusCode::kNotFound);
+  submission.settings.exports.formats = {"changes", "paper"};
+  const Status refused = Submit(submission).status();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument) << refused;
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("formats: found 'paper'"));
+  EXPECT_EQ(reads_, 0);
+}
+
+// `--crs` for a scene without a coordinate reference system.
+TEST_F(AdmissionTest, ExportsThatTheSceneCannotHaveAreRefused) {
+  std::string format;
+  for (const ExportFormat& each : ExportFormats()) {
+    if (!each.reads_changes) format = each.name;
+  }
+  if (format.empty()) GTEST_SKIP() << "no format exports any result";
+  Submission submission = ASubmission();
+  submission.settings.exports.formats = {format};
+  EXPECT_TRUE(Submit(submission).ok());
+  submission.settings.exports.crs = "EPSG:32633";
+  EXPECT_EQ(Submit(submission).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST_F(AdmissionTest, LimitsAreCheckedBeforeTheSceneIsRead) {

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "common/storage/files.h"
+#include "common/storage/zip_writer.h"
 #include "tessera/v1/jobs.pb.h"
 #include "tests/support/fake_workers_service.h"
 
@@ -61,6 +62,44 @@ TEST_F(ArtifactsTest, NoFileAppearsUntilAllAreVerified) {
   EXPECT_EQ(Fetch().status().code(), absl::StatusCode::kDataLoss);
   EXPECT_FALSE(fs::exists(out_ + "/report.json"));
   EXPECT_EQ(ReadFile(out_ + "/mesh.ply").value(), "old");
+}
+
+// The content of an archive of these members.
+std::string ZipOf(const std::string& folder, const std::vector<std::string>& members) {
+  for (const std::string& member : members) {
+    const std::string path = folder + "/in/" + member;
+    EXPECT_TRUE(EnsureFolder(fs::path(path).parent_path().string()).ok());
+    EXPECT_TRUE(WriteFileAtomic(path, "content of " + member).ok());
+  }
+  EXPECT_TRUE(WriteStoredZip(folder + "/archive", folder + "/in", members).ok());
+  return ReadFile(folder + "/archive").value();
+}
+
+TEST_F(ArtifactsTest, ArchivesOfSheetsAreUnpackedInTheirPlace) {
+  AddArtifact("export/3dtiles/0_-1.zip", ZipOf(folder_.path(), {"0_-1.json", "nodes/0_-1_2.glb"}));
+  AddArtifact("export/3dtiles/tileset.json", "{}");
+  const auto written = Fetch();
+  ASSERT_TRUE(written.ok()) << written.status();
+  const std::string folder = out_ + "/export/3dtiles";
+  EXPECT_THAT(*written, testing::UnorderedElementsAre(folder + "/0_-1.json", folder + "/nodes/0_-1_2.glb",
+                                                      folder + "/tileset.json"));
+  EXPECT_EQ(ReadFile(folder + "/nodes/0_-1_2.glb").value(), "content of nodes/0_-1_2.glb");
+  EXPECT_FALSE(fs::exists(folder + "/0_-1.zip"));
+  EXPECT_FALSE(fs::exists(out_ + "/.fetch"));
+}
+
+TEST_F(ArtifactsTest, DamagedArchivesAndThoseThatLeadOutsideAreRefused) {
+  std::string bytes = ZipOf(folder_.path(), {"a", "bb/evil"});
+  for (size_t at = bytes.find("bb/evil"); at != std::string::npos; at = bytes.find("bb/evil"))
+    bytes[at] = bytes[at + 1] = '.';
+  AddArtifact("report.json", "{}");
+  AddArtifact("export/obj/0_0.zip", bytes);
+  EXPECT_EQ(Fetch().status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_FALSE(fs::exists(out_ + "/export"));
+  EXPECT_FALSE(fs::exists(out_ + "/report.json")) << "no file appears until all are complete";
+  job_.mutable_artifacts()->RemoveLast();
+  AddArtifact("export/obj/0_0.zip", bytes.substr(0, bytes.size() / 2));
+  EXPECT_EQ(Fetch().status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST_F(ArtifactsTest, PathsOutsideTheFolderAreRefused) {

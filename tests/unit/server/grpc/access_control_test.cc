@@ -25,6 +25,7 @@ constexpr const char* kRoleNames[] = {"viewer", "submitter", "worker", "admin"};
 // Roles that may call each method. A served method without a row fails the test.
 const std::map<std::string, std::set<std::string>> kMayCall = {
     {"/tessera.v1.Jobs/CreateJob", {"submitter", "admin"}},
+    {"/tessera.v1.Jobs/ExportJob", {"submitter", "admin"}},
     {"/tessera.v1.Jobs/GetJob", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Jobs/ListJobs", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Jobs/CancelJob", {"submitter", "admin"}},

@@ -170,5 +170,45 @@ TEST_F(BaseTest, RollbackTakesItsTilesFromTheEarlierJob) {
   EXPECT_EQ(base->plain.sha256, Sha256Hex(second_ + " " + kPlainSurveyFile + " 0"));
 }
 
+TEST_F(BaseTest, ExportsReadTheMeshAndAreNoBases) {
+  FinishTwo();
+  UpdateSettings only;
+  only.base = second_;
+  only.export_only = true;
+  const auto base = BaseOf(ledger_, only);
+  ASSERT_TRUE(base.ok()) << base.status();
+  EXPECT_EQ(base->mesh.sha256, Sha256Hex(second_ + " " + kMeshFile + " 3"));
+  EXPECT_FALSE(base->changes);
+  EXPECT_THAT(base->quarantined, testing::IsEmpty());
+
+  // A job that exports it: its plan is complete, and it must go before its base.
+  v1::Record accepted, planned, ended;
+  accepted.mutable_job_accepted()->set_job("jobs/3");
+  accepted.mutable_job_accepted()->set_algorithm_version("7");
+  accepted.mutable_job_accepted()->mutable_settings()->mutable_update()->set_base(second_);
+  accepted.mutable_job_accepted()->mutable_settings()->mutable_update()->set_export_only(true);
+  Apply(accepted);
+  v1::TasksPlanned& plan = *planned.mutable_tasks_planned();
+  plan.set_job("jobs/3");
+  v1::PlannedTaskRecord& given = *plan.add_tasks();
+  given.set_kind(kBaseKind);
+  given.set_title(kBaseKind);
+  given.add_given()->set_name(kMeshFile);
+  Fill("mesh", given.mutable_given(0)->mutable_digest());
+  plan.add_tasks()->set_kind(kExportKind);
+  plan.mutable_tasks(1)->set_title(kExportKind);
+  Apply(planned);
+  EXPECT_TRUE(ledger_.jobs()[2].planned_to_end);
+  EXPECT_THAT(std::string(CheckMayDelete(ledger_, 1).message()), HasSubstr("delete jobs/3 first"));
+  only.base = "jobs/3";
+  EXPECT_THAT(std::string(BaseOf(ledger_, only).status().message()), HasSubstr("no result, or not yet"));
+  ended.mutable_job_ended()->set_job("jobs/3");
+  ended.mutable_job_ended()->set_state(v1::JOB_STATE_FAILED);
+  Apply(ended);
+  EXPECT_EQ(BaseOf(ledger_, only).status().code(), absl::StatusCode::kFailedPrecondition);
+  only.base = "jobs/9";
+  EXPECT_EQ(BaseOf(ledger_, only).status().code(), absl::StatusCode::kNotFound);
+}
+
 }  // namespace
 }  // namespace tessera

@@ -117,5 +117,50 @@ TEST(Settings, UpdateInheritsTheClassifierKind) {
   EXPECT_TRUE(CheckJobSettings({.classifier = model}).ok());
 }
 
+TEST(Settings, ExportsRoundTripAndAreChecked) {
+  JobSettings settings;
+  settings.exports = {{"changes"}, "EPSG:32633+5773", "image", 0.25, true};
+  settings.update.base = "jobs/1";
+  settings.update.export_only = true;
+  v1::JobSettings message;
+  ToProto(settings, &message);
+  EXPECT_EQ(FromProto(message).exports, settings.exports);
+  EXPECT_EQ(FromProto(message).update, settings.update);
+  EXPECT_TRUE(CheckJobSettings(settings).ok()) << CheckJobSettings(settings);
+  EXPECT_TRUE(Differences(settings, {}).size() >= 5);
+
+  JobSettings none = settings;
+  none.exports = {};
+  EXPECT_THAT(std::string(CheckJobSettings(none).message()), HasSubstr("found no formats"));
+  JobSettings back = settings;
+  back.update.export_only = false;
+  back.update.rollback_to = "jobs/0";
+  EXPECT_THAT(std::string(CheckJobSettings(back).message()), HasSubstr("found formats in a rollback"));
+  JobSettings without_base;
+  without_base.exports.formats = {"changes"};
+  EXPECT_THAT(std::string(CheckJobSettings(without_base).message()), HasSubstr("without a base job"));
+}
+
+// Every fault is listed, in the form of the exporting functions.
+TEST(Settings, HostileExportsAreRefused) {
+  JobSettings settings;
+  settings.exports = {{"../../etc", "<img src=x onerror=alert(1)>"}, "", std::string(100, '\n'), -1, false};
+  const std::string message(CheckJobSettings(settings).message());
+  EXPECT_THAT(message, HasSubstr("found '../../etc', expected some of "));
+  EXPECT_THAT(message, HasSubstr("color: found '"));
+  EXPECT_THAT(message, HasSubstr("gsd: found -1"));
+  settings.exports.formats.clear();
+  EXPECT_THAT(std::string(CheckJobSettings(settings).message()), HasSubstr("formats: found none"));
+}
+
+TEST(Settings, UpdatesDoNotInheritExports) {
+  JobSettings base, asked;
+  base.exports.formats = {"changes"};
+  asked.update.base = "jobs/1";
+  EXPECT_TRUE(SettingsOfUpdate(asked, base)->exports.formats.empty());
+  asked.exports.formats = {"changes"};
+  EXPECT_EQ(SettingsOfUpdate(asked, {})->exports, asked.exports);
+}
+
 }  // namespace
 }  // namespace tessera

@@ -25,7 +25,7 @@ constexpr int kPushed = kBorder - 1;         // x of the vertices that the base'
 uint32_t VertexAt(uint32_t x, uint32_t y) { return y * (kLength + 1) + x; }
 
 // The package of the left tile, which contains the whole sheet.
-TilePackage Sheet() {
+TilePackage FlatPackage() {
   TilePackage p;
   p.tile = kOwnTile;
   p.ground = MakeGroundPlane(p.up, 1000);
@@ -105,7 +105,7 @@ TileState Repaired(const TilePackage& package, const std::vector<int>& frozen) {
 }
 
 TEST(RunRepair, FrozenVerticesDoNotMove) {
-  const TilePackage package = Sheet();
+  const TilePackage package = FlatPackage();
   const TileState with = Repaired(package, {kOtherTile}), without = Repaired(package, {});
   ASSERT_EQ(with.vertex_ids.size(), (kBorder + 1) * (kWidth + 1));
   int border = 0, drawn_back = 0, would_be = 0;
