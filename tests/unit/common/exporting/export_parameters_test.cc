@@ -47,7 +47,7 @@ TEST(ExportParametersTest, OtherFormsAreRefused) {
     return json;
   };
   for (const std::string& bad :
-       {std::string(), std::string("[]"), std::string(100'000, '['), with("\"sheet\"}", "\"merge\"}"),
+       {std::string(), std::string("[]"), std::string(100'000, '['), with("\"stage\":\"sheet\"", "\"stage\":\"merge\""),
         with("[3,-1]", "[3]"), with("[3,-1]", "[3,-1,0]"), with("[3,-1]", "[3.5,-1]"),
         with("[3,-1]", "[3000000000,-1]"), with("[3,-1]", "[\"3\",-1]"), with("\"obj\"", "7"), with("{", "{ "),
         with("{", "{\"other\":1,")}) {
