@@ -79,6 +79,21 @@ TEST_F(ExportTest, EveryFormatWritesTheSameFilesAgain) {
   }
 }
 
+TEST_F(ExportTest, VerticesHaveTheColorsAskedFor) {
+  for (const ExportFormat& format : ExportFormats()) {
+    if (!format.colored) continue;
+    const std::string name(format.name);
+    std::map<std::string, std::string> color_of;  // files of each colour, as their list in export.json
+    for (const std::string color : {"class", "image", "confidence", "displacement"}) {
+      const Outcome outcome = Export(result_, name, {"--scene", ToyCity(), "--color", color});
+      ASSERT_EQ(outcome.exit_code, 0) << name << ": " << outcome.output;
+      const std::string files = CheckedIndex()["files"].dump();
+      EXPECT_TRUE(color_of.emplace(files, color).second) << name << ": " << color << " is as " << color_of[files];
+      fs::remove_all(out_);
+    }
+  }
+}
+
 TEST_F(ExportTest, ChangesOfAnUpdateAreExported) {
   const std::string base = UndisturbedResult(Street(), {"--tiles", "8"});
   const std::string update = UndisturbedResult(NextFlight(), {}, base);
