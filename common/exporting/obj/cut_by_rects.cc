@@ -11,10 +11,10 @@ namespace {
 
 using CutPolygon = std::vector<uint32_t>;  // vertices, counter-clockwise
 
-size_t LinesUpTo(const std::vector<double>& lines, double position) {
+size_t CutLinesUpTo(const std::vector<double>& lines, double position) {
   return static_cast<size_t>(std::upper_bound(lines.begin(), lines.end(), position) - lines.begin());
 }
-size_t LinesBelow(const std::vector<double>& lines, double position) {
+size_t CutLinesBelow(const std::vector<double>& lines, double position) {
   return static_cast<size_t>(std::lower_bound(lines.begin(), lines.end(), position) - lines.begin());
 }
 
@@ -47,7 +47,7 @@ class RectCutter {
   void SnapToLine(int axis, Eigen::Vector3d* point) const {
     const std::vector<double>& lines = *lines_[static_cast<size_t>(axis)];
     double& position = (*point)[axis];
-    const size_t above = LinesBelow(lines, position);
+    const size_t above = CutLinesBelow(lines, position);
     if (above < lines.size() && lines[above] - position < rects_.snap()) position = lines[above];
     if (above > 0 && position - lines[above - 1] < rects_.snap()) position = lines[above - 1];
   }
@@ -63,7 +63,7 @@ class RectCutter {
       high = std::max(high, cut_.vertices[v][axis]);
     }
     const std::vector<double>& lines = *lines_[static_cast<size_t>(axis)];
-    return {LinesUpTo(lines, low), LinesBelow(lines, high)};
+    return {CutLinesUpTo(lines, low), CutLinesBelow(lines, high)};
   }
 
   // Calls `use` with the parts of `polygon` between the lines of an axis, and the number of their column or row.

@@ -14,24 +14,24 @@
 namespace tessera {
 namespace {
 
-constexpr size_t kMaxNameBytes = 200;  // the ending and what a temporary name adds fit into 255 too
+constexpr size_t kMaxObjNameBytes = 200;  // the ending and what a temporary name adds fit into 255 too
 
-bool IsFileName(const std::string& name) {
-  return !name.empty() && name.size() <= kMaxNameBytes && name != "." && name != ".." &&
+bool IsObjFileName(const std::string& name) {
+  return !name.empty() && name.size() <= kMaxObjNameBytes && name != "." && name != ".." &&
          std::none_of(name.begin(), name.end(), [](char c) {
            return static_cast<unsigned char>(c) < ' ' || c == '\x7f' || c == '/' || c == '\\';
          });
 }
 
 // The shortest text without exponent that is read as the same number.
-std::string ShortestNumber(double value) {
+std::string ObjNumber(double value) {
   char text[400];
   const std::to_chars_result end = std::to_chars(text, text + sizeof(text), value, std::chars_format::fixed);
   return std::string(text, end.ptr);
 }
 
 // Control characters are not allowed in XML.
-std::string XmlText(const std::string& text) {
+std::string ObjXmlText(const std::string& text) {
   std::string escaped;
   for (const char c : text) {
     if (c == '&') {
@@ -50,15 +50,15 @@ std::string XmlText(const std::string& text) {
 }
 
 // The system of a scene's coordinates as text; empty: local, or heights differ from those of the system by a number.
-std::string SystemText(const Crs& crs) {
+std::string ObjSystemText(const Crs& crs) {
   const auto json = nlohmann::json::parse(CrsToJson(crs));
   switch (crs.kind) {
     case Crs::Kind::kLocal:
       return "";
     case Crs::Kind::kEnu: {
-      const std::string place = absl::StrCat("ENU:", ShortestNumber(json.at("lat_deg").get<double>()), ",",
-                                             ShortestNumber(json.at("lon_deg").get<double>()));
-      return crs.height_m == 0 ? place : absl::StrCat(place, ",", ShortestNumber(crs.height_m));
+      const std::string place = absl::StrCat("ENU:", ObjNumber(json.at("lat_deg").get<double>()), ",",
+                                             ObjNumber(json.at("lon_deg").get<double>()));
+      return crs.height_m == 0 ? place : absl::StrCat(place, ",", ObjNumber(crs.height_m));
     }
     case Crs::Kind::kUtm:
       return absl::StrCat("EPSG:", (crs.north ? 32600 : 32700) + crs.zone);
@@ -80,7 +80,7 @@ std::string ObjTilePath(std::string_view name) {
 }
 
 StatusOr<ExportMap> OpenObjMap(const ExportScene& scene, const ExportOptions& options) {
-  return ExportMap::Open(scene, options.crs.empty() && !scene.source ? SystemText(scene.frame.crs()) : options.crs);
+  return ExportMap::Open(scene, options.crs.empty() && !scene.source ? ObjSystemText(scene.frame.crs()) : options.crs);
 }
 
 StatusOr<std::vector<std::string>> ObjTilePaths(const ExportScene& scene) {
@@ -94,8 +94,8 @@ StatusOr<std::vector<std::string>> ObjTilePaths(const ExportScene& scene) {
   for (size_t k = 0; k < names.size(); ++k) {
     const std::vector<std::string> parts = absl::StrSplit(names[k], '/');
     const std::string location = absl::StrCat("source.tiles[", k, "]");
-    if (!std::all_of(parts.begin(), parts.end(), IsFileName)) {
-      faults.Add(InputError("scene.json", location, JsonQuoted(Prefix(names[k], 2 * kMaxNameBytes)),
+    if (!std::all_of(parts.begin(), parts.end(), IsObjFileName)) {
+      faults.Add(InputError("scene.json", location, JsonQuoted(Prefix(names[k], 2 * kMaxObjNameBytes)),
                             "the name of a file, without '..', '\\' and control characters"));
     } else if (!known.insert(names[k]).second) {
       faults.Add(InputError("scene.json", location, JsonQuoted(names[k]), "a name that no other tile has"));
@@ -120,9 +120,9 @@ std::string ObjMetadata(const ExportMap& map, const Eigen::Vector3d& offset) {
   const bool has_system = !map.crs().empty() && map.crs() != "local";
   if (!has_system && offset.isZero(0)) return "";
   std::string text = "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<ModelMetadata version=\"1\">\n";
-  if (has_system) absl::StrAppend(&text, "  <SRS>", XmlText(map.crs()), "</SRS>\n");
-  absl::StrAppend(&text, "  <SRSOrigin>", ShortestNumber(offset.x()), ",", ShortestNumber(offset.y()), ",",
-                  ShortestNumber(offset.z()), "</SRSOrigin>\n</ModelMetadata>\n");
+  if (has_system) absl::StrAppend(&text, "  <SRS>", ObjXmlText(map.crs()), "</SRS>\n");
+  absl::StrAppend(&text, "  <SRSOrigin>", ObjNumber(offset.x()), ",", ObjNumber(offset.y()), ",", ObjNumber(offset.z()),
+                  "</SRSOrigin>\n</ModelMetadata>\n");
   return text;
 }
 

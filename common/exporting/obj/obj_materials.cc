@@ -11,10 +11,10 @@
 namespace tessera {
 namespace {
 
-constexpr size_t kMaxMaterialBytes = 200;
+constexpr size_t kMaxObjMaterialBytes = 200;
 
-std::string MaterialNameOf(const std::string& name) {
-  std::string material = name.substr(0, kMaxMaterialBytes);
+std::string ObjMaterialNameOf(const std::string& name) {
+  std::string material = name.substr(0, kMaxObjMaterialBytes);
   for (char& c : material) {
     const bool kept = absl::ascii_isalnum(static_cast<unsigned char>(c)) || c == '.' || c == '-' || c == '_' ||
                       static_cast<unsigned char>(c) >= 0x80;
@@ -33,7 +33,7 @@ std::vector<std::string> ObjMaterialNames(std::span<const SceneClass> classes) {
     for (int number = 2; !used.insert(unique).second; ++number) unique = absl::StrCat(name, "_", number);
     names.push_back(unique);
   };
-  for (const SceneClass& c : classes) add(MaterialNameOf(c.name));
+  for (const SceneClass& c : classes) add(ObjMaterialNameOf(c.name));
   add("unclassified");
   return names;
 }

@@ -10,9 +10,9 @@
 namespace tessera {
 namespace {
 
-constexpr uint32_t kNoVertex = 0xffffffff;
+constexpr uint32_t kNoObjVertex = 0xffffffff;
 
-std::string PieceArray(const char* what, int32_t tile) { return absl::StrCat(what, ".", tile); }
+std::string ObjPieceArray(const char* what, int32_t tile) { return absl::StrCat(what, ".", tile); }
 
 }  // namespace
 
@@ -22,13 +22,13 @@ Status WriteObjPart(const std::string& path, const CutMesh& mesh, std::span<cons
   ArrayFile file;
   std::vector<int32_t> tiles;
   std::vector<int64_t> counts;
-  std::vector<uint32_t> numbers(mesh.vertices.size(), kNoVertex);
+  std::vector<uint32_t> numbers(mesh.vertices.size(), kNoObjVertex);
   for (const auto& [tile, faces] : faces_of_tile) {
     TriangleMesh piece;
     std::vector<uint32_t> used;
     for (const uint32_t f : faces) {
       for (const uint32_t v : mesh.faces[f]) {
-        if (numbers[v] != kNoVertex) continue;
+        if (numbers[v] != kNoObjVertex) continue;
         numbers[v] = 0;
         used.push_back(v);
       }
@@ -43,7 +43,7 @@ Status WriteObjPart(const std::string& path, const CutMesh& mesh, std::span<cons
       piece.faces.push_back({numbers[face[0]], numbers[face[1]], numbers[face[2]]});
       if (!labels.empty()) piece.labels.push_back(labels[mesh.source_faces[f]]);
     }
-    for (const uint32_t v : used) numbers[v] = kNoVertex;
+    for (const uint32_t v : used) numbers[v] = kNoObjVertex;
     const std::vector<bool> is_rim = RimVertices(piece);
     std::vector<double> positions;
     positions.reserve(3 * piece.vertices.size());
@@ -51,10 +51,10 @@ Status WriteObjPart(const std::string& path, const CutMesh& mesh, std::span<cons
     std::vector<uint32_t> corners;
     corners.reserve(3 * piece.faces.size());
     for (const Triangle& face : piece.faces) corners.insert(corners.end(), face.begin(), face.end());
-    file.arrays[PieceArray("vertices", tile)] = std::move(positions);
-    file.arrays[PieceArray("faces", tile)] = std::move(corners);
-    file.arrays[PieceArray("labels", tile)] = std::move(piece.labels);
-    file.arrays[PieceArray("is_rim", tile)] = std::vector<uint8_t>(is_rim.begin(), is_rim.end());
+    file.arrays[ObjPieceArray("vertices", tile)] = std::move(positions);
+    file.arrays[ObjPieceArray("faces", tile)] = std::move(corners);
+    file.arrays[ObjPieceArray("labels", tile)] = std::move(piece.labels);
+    file.arrays[ObjPieceArray("is_rim", tile)] = std::vector<uint8_t>(is_rim.begin(), is_rim.end());
     tiles.push_back(tile);
     counts.push_back(static_cast<int64_t>(faces.size()));
   }
@@ -74,10 +74,10 @@ StatusOr<std::vector<ObjPieceCount>> ReadObjPieceCounts(const MappedArrays& part
 
 StatusOr<ObjPiece> ReadObjPiece(const MappedArrays& part, int32_t tile) {
   ObjPiece piece;
-  TESSERA_ASSIGN_OR_RETURN(piece.vertices, part.Verified<double>(PieceArray("vertices", tile)));
-  TESSERA_ASSIGN_OR_RETURN(piece.faces, part.Verified<uint32_t>(PieceArray("faces", tile)));
-  TESSERA_ASSIGN_OR_RETURN(piece.labels, part.Verified<int32_t>(PieceArray("labels", tile)));
-  TESSERA_ASSIGN_OR_RETURN(piece.is_rim, part.Verified<uint8_t>(PieceArray("is_rim", tile)));
+  TESSERA_ASSIGN_OR_RETURN(piece.vertices, part.Verified<double>(ObjPieceArray("vertices", tile)));
+  TESSERA_ASSIGN_OR_RETURN(piece.faces, part.Verified<uint32_t>(ObjPieceArray("faces", tile)));
+  TESSERA_ASSIGN_OR_RETURN(piece.labels, part.Verified<int32_t>(ObjPieceArray("labels", tile)));
+  TESSERA_ASSIGN_OR_RETURN(piece.is_rim, part.Verified<uint8_t>(ObjPieceArray("is_rim", tile)));
   const size_t vertices = piece.vertices.size() / 3, faces = piece.faces.size() / 3;
   const auto largest = std::max_element(piece.faces.begin(), piece.faces.end());
   if (piece.vertices.size() % 3 != 0 || piece.faces.size() % 3 != 0 || piece.is_rim.size() != vertices ||

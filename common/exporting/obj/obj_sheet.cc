@@ -10,7 +10,7 @@ namespace tessera {
 namespace {
 
 // Cuts the sheet in the source's system, in which the tiles' rectangles are, and leaves the vertices there.
-StatusOr<CutMesh> CutInSource(const SheetInput& input, const ExportMap& source_map) {
+StatusOr<CutMesh> CutObjInSource(const SheetInput& input, const ExportMap& source_map) {
   std::vector<Eigen::Vector3d> vertices = input.sheet.vertices;
   TESSERA_RETURN_IF_ERROR(source_map.FromLocal(vertices));
   for (Eigen::Vector3d& v : vertices) v -= input.scene.source->offset;
@@ -19,7 +19,7 @@ StatusOr<CutMesh> CutInSource(const SheetInput& input, const ExportMap& source_m
 
 // From the source's system to another one: vertices of the sheet come from the sheet, so that they do not depend on
 // the way through the source's system.
-Status ToOtherSystem(const SheetInput& input, const ExportMap& source_map, const ExportMap& map, CutMesh* mesh) {
+Status ObjToOtherSystem(const SheetInput& input, const ExportMap& source_map, const ExportMap& map, CutMesh* mesh) {
   for (Eigen::Vector3d& v : mesh->vertices) v += input.scene.source->offset;
   TESSERA_RETURN_IF_ERROR(source_map.ToLocal(mesh->vertices));
   std::copy(input.sheet.vertices.begin(), input.sheet.vertices.end(), mesh->vertices.begin());
@@ -30,7 +30,7 @@ Status ToOtherSystem(const SheetInput& input, const ExportMap& source_map, const
 }
 
 // The whole sheet as a part of tile 0.
-StatusOr<CutMesh> WholeSheet(const SheetInput& input, const ExportMap& map) {
+StatusOr<CutMesh> WholeObjSheet(const SheetInput& input, const ExportMap& map) {
   CutMesh mesh;
   mesh.vertices = input.sheet.vertices;
   mesh.faces = input.sheet.faces;
@@ -54,10 +54,10 @@ StatusOr<std::vector<std::string>> WriteObjSheet(const SheetInput& input, const 
   CutMesh mesh;
   if (tiles.size() > 1) {
     TESSERA_ASSIGN_OR_RETURN(const ExportMap source_map, ExportMap::Open(input.scene, ""));
-    TESSERA_ASSIGN_OR_RETURN(mesh, CutInSource(input, source_map));
-    if (map.crs() != source_map.crs()) TESSERA_RETURN_IF_ERROR(ToOtherSystem(input, source_map, map, &mesh));
+    TESSERA_ASSIGN_OR_RETURN(mesh, CutObjInSource(input, source_map));
+    if (map.crs() != source_map.crs()) TESSERA_RETURN_IF_ERROR(ObjToOtherSystem(input, source_map, map, &mesh));
   } else {
-    TESSERA_ASSIGN_OR_RETURN(mesh, WholeSheet(input, map));
+    TESSERA_ASSIGN_OR_RETURN(mesh, WholeObjSheet(input, map));
   }
   const std::span<const int32_t> labels = input.sheet.labels;
   TESSERA_RETURN_IF_ERROR(WriteObjPart(absl::StrCat(folder, "/", kPartFile), mesh,

@@ -8,15 +8,15 @@
 namespace tessera {
 namespace {
 
-constexpr double kTolerance = 0.01, kSnap = 1e-9;  // of the median side of a tile
-constexpr size_t kMaxCells = size_t{4} << 20;
+constexpr double kRectTolerance = 0.01, kRectSnap = 1e-9;  // of the median side of a tile
+constexpr size_t kMaxRectCells = size_t{4} << 20;
 
 // An interval of a tile along one axis, and along the other one.
 struct TileSpan {
   double low, high, other_low, other_high;
 };
 
-std::vector<TileSpan> SpansAlong(int axis, std::span<const PlanRect> rects) {
+std::vector<TileSpan> TileSpansAlong(int axis, std::span<const PlanRect> rects) {
   std::vector<TileSpan> spans;
   for (const PlanRect& r : rects) {
     if (r.IsEmpty()) continue;
@@ -26,7 +26,7 @@ std::vector<TileSpan> SpansAlong(int axis, std::span<const PlanRect> rects) {
   return spans;
 }
 
-double MedianSide(std::span<const PlanRect> rects) {
+double MedianTileSide(std::span<const PlanRect> rects) {
   std::vector<double> sides;
   for (const PlanRect& r : rects) {
     if (!r.IsEmpty()) sides.insert(sides.end(), {r.x1 - r.x0, r.y1 - r.y0});
@@ -43,7 +43,7 @@ struct EdgeCluster {
   std::vector<size_t> low, high;  // tiles that begin there, and that end there
 };
 
-std::vector<EdgeCluster> ClustersOf(const std::vector<TileSpan>& spans, double tolerance) {
+std::vector<EdgeCluster> EdgeClustersOf(const std::vector<TileSpan>& spans, double tolerance) {
   std::vector<std::pair<double, size_t>> edges;  // position, 2 * tile + (0: its low edge, 1: its high edge)
   for (size_t k = 0; k < spans.size(); ++k) {
     edges.insert(edges.end(), {{spans[k].low, 2 * k}, {spans[k].high, 2 * k + 1}});
@@ -75,47 +75,47 @@ bool TilesMeetAt(const EdgeCluster& cluster, const std::vector<TileSpan>& spans,
 
 std::vector<double> LinesWhereTilesMeet(const std::vector<TileSpan>& spans, double tolerance) {
   std::vector<double> lines;
-  for (const EdgeCluster& cluster : ClustersOf(spans, tolerance)) {
+  for (const EdgeCluster& cluster : EdgeClustersOf(spans, tolerance)) {
     if (TilesMeetAt(cluster, spans, tolerance)) lines.push_back(cluster.line);
   }
   return lines;
 }
 
-std::vector<double> AllLines(const std::vector<TileSpan>& spans, double tolerance) {
+std::vector<double> AllTileLines(const std::vector<TileSpan>& spans, double tolerance) {
   std::vector<double> lines;
-  for (const EdgeCluster& cluster : ClustersOf(spans, tolerance)) lines.push_back(cluster.line);
+  for (const EdgeCluster& cluster : EdgeClustersOf(spans, tolerance)) lines.push_back(cluster.line);
   return lines;
 }
 
-size_t CellOf(const std::vector<double>& lines, double position) {
+size_t RectCellOf(const std::vector<double>& lines, double position) {
   return static_cast<size_t>(std::upper_bound(lines.begin(), lines.end(), position) - lines.begin());
 }
 
 // The cell that has the interval but for `tolerance`; none: -1.
-int64_t CellWith(const std::vector<double>& lines, double low, double high, double tolerance) {
-  const size_t cell = CellOf(lines, (low + high) / 2);
+int64_t RectCellWith(const std::vector<double>& lines, double low, double high, double tolerance) {
+  const size_t cell = RectCellOf(lines, (low + high) / 2);
   const bool fits =
       (cell == 0 || low >= lines[cell - 1] - tolerance) && (cell == lines.size() || high <= lines[cell] + tolerance);
   return fits ? static_cast<int64_t>(cell) : -1;
 }
 
 // The number of the line that the edge at `position` became.
-size_t NearestLine(const std::vector<double>& lines, double position) {
-  const size_t above = CellOf(lines, position);
+size_t NearestRectLine(const std::vector<double>& lines, double position) {
+  const size_t above = RectCellOf(lines, position);
   if (above == 0) return 0;
   if (above == lines.size() || position - lines[above - 1] <= lines[above] - position) return above - 1;
   return above;
 }
 
 // A point of a cell: its middle; of a cell without end, on its line.
-double MiddleOf(const std::vector<double>& lines, size_t cell) {
+double MiddleOfRectCell(const std::vector<double>& lines, size_t cell) {
   if (lines.empty()) return 0;
   if (cell == 0) return lines.front();
   if (cell == lines.size()) return lines.back();
   return (lines[cell - 1] + lines[cell]) / 2;
 }
 
-double SquaredDistance(const PlanRect& rect, double x, double y) {
+double SquaredRectDistance(const PlanRect& rect, double x, double y) {
   const double dx = x - std::clamp(x, rect.x0, rect.x1), dy = y - std::clamp(y, rect.y0, rect.y1);
   return dx * dx + dy * dy;
 }
@@ -124,10 +124,10 @@ double SquaredDistance(const PlanRect& rect, double x, double y) {
 
 TileRects TileRects::Of(std::span<const PlanRect> rects) {
   TileRects out;
-  const double side = MedianSide(rects);
+  const double side = MedianTileSide(rects);
   if (side == 0) return out;
-  out.snap_ = kSnap * side;
-  double tolerance = kTolerance * side;
+  out.snap_ = kRectSnap * side;
+  double tolerance = kRectTolerance * side;
   if (!out.MakeGrid(rects, tolerance)) out.MakeCells(rects, tolerance);
   out.GiveToNearest(rects);
   out.RemoveIdleLines();
@@ -135,15 +135,15 @@ TileRects TileRects::Of(std::span<const PlanRect> rects) {
 }
 
 bool TileRects::MakeGrid(std::span<const PlanRect> rects, double tolerance) {
-  xs_ = LinesWhereTilesMeet(SpansAlong(0, rects), tolerance);
-  ys_ = LinesWhereTilesMeet(SpansAlong(1, rects), tolerance);
+  xs_ = LinesWhereTilesMeet(TileSpansAlong(0, rects), tolerance);
+  ys_ = LinesWhereTilesMeet(TileSpansAlong(1, rects), tolerance);
   const size_t columns = xs_.size() + 1, cells = columns * (ys_.size() + 1);
-  if (cells > kMaxCells) return false;
+  if (cells > kMaxRectCells) return false;
   owners_.assign(cells, -1);
   for (size_t k = 0; k < rects.size(); ++k) {
     if (rects[k].IsEmpty()) continue;
-    const int64_t column = CellWith(xs_, rects[k].x0, rects[k].x1, tolerance);
-    const int64_t row = CellWith(ys_, rects[k].y0, rects[k].y1, tolerance);
+    const int64_t column = RectCellWith(xs_, rects[k].x0, rects[k].x1, tolerance);
+    const int64_t row = RectCellWith(ys_, rects[k].y0, rects[k].y1, tolerance);
     if (column < 0 || row < 0) return false;
     int32_t& owner = owners_[static_cast<size_t>(row) * columns + static_cast<size_t>(column)];
     if (owner >= 0) return false;
@@ -153,20 +153,20 @@ bool TileRects::MakeGrid(std::span<const PlanRect> rects, double tolerance) {
 }
 
 void TileRects::MakeCells(std::span<const PlanRect> rects, double tolerance) {
-  const std::vector<TileSpan> spans_x = SpansAlong(0, rects), spans_y = SpansAlong(1, rects);
+  const std::vector<TileSpan> spans_x = TileSpansAlong(0, rects), spans_y = TileSpansAlong(1, rects);
   do {
-    xs_ = AllLines(spans_x, tolerance);
-    ys_ = AllLines(spans_y, tolerance);
+    xs_ = AllTileLines(spans_x, tolerance);
+    ys_ = AllTileLines(spans_y, tolerance);
     tolerance *= 2;
-  } while ((xs_.size() + 1) * (ys_.size() + 1) > kMaxCells);
+  } while ((xs_.size() + 1) * (ys_.size() + 1) > kMaxRectCells);
   const size_t columns = xs_.size() + 1;
   owners_.assign(columns * (ys_.size() + 1), -1);
   for (size_t k = 0; k < rects.size(); ++k) {
     const PlanRect& r = rects[k];
     if (r.IsEmpty()) continue;
-    const size_t column_end = NearestLine(xs_, r.x1) + 1, row_end = NearestLine(ys_, r.y1) + 1;
-    for (size_t row = NearestLine(ys_, r.y0) + 1; row < row_end; ++row) {
-      for (size_t column = NearestLine(xs_, r.x0) + 1; column < column_end; ++column) {
+    const size_t column_end = NearestRectLine(xs_, r.x1) + 1, row_end = NearestRectLine(ys_, r.y1) + 1;
+    for (size_t row = NearestRectLine(ys_, r.y0) + 1; row < row_end; ++row) {
+      for (size_t column = NearestRectLine(xs_, r.x0) + 1; column < column_end; ++column) {
         int32_t& owner = owners_[row * columns + column];
         if (owner < 0) owner = static_cast<int32_t>(k);
       }
@@ -184,8 +184,8 @@ void TileRects::GiveToNearest(std::span<const PlanRect> rects) {
   const auto take_from = [&](size_t cell, size_t neighbour) {
     const int32_t tile = owners_[neighbour];
     if (tile < 0) return;
-    const double distance =
-        SquaredDistance(rects[static_cast<size_t>(tile)], MiddleOf(xs_, cell % columns), MiddleOf(ys_, cell / columns));
+    const double distance = SquaredRectDistance(rects[static_cast<size_t>(tile)], MiddleOfRectCell(xs_, cell % columns),
+                                                MiddleOfRectCell(ys_, cell / columns));
     if (distance > distances[cell] || (distance == distances[cell] && tile >= owners_[cell])) return;
     distances[cell] = distance;
     owners_[cell] = tile;
@@ -233,7 +233,7 @@ void TileRects::RemoveIdleLines() {
 }
 
 int32_t TileRects::TileAt(const Eigen::Vector2d& point) const {
-  return OwnerOf(CellOf(xs_, point.x()), CellOf(ys_, point.y()));
+  return OwnerOf(RectCellOf(xs_, point.x()), RectCellOf(ys_, point.y()));
 }
 
 }  // namespace tessera

@@ -18,7 +18,7 @@ TileRects CutRects() {
 }
 
 // A closed surface of about the size of CutRects(), whose vertices lie at random.
-TriangleMesh RandomSphere(int rings, unsigned seed) {
+TriangleMesh RandomCutSphere(int rings, unsigned seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> noise(-0.2, 0.2);
   const int sectors = 2 * rings;
@@ -47,7 +47,7 @@ TriangleMesh RandomSphere(int rings, unsigned seed) {
 }
 
 using CutPosition = std::array<double, 3>;
-CutPosition PositionOf(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
+CutPosition CutPositionOf(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
 
 // The number of directed edges without an opposite one, by positions.
 int64_t OpenCutEdges(std::span<const CutMesh> meshes) {
@@ -55,7 +55,8 @@ int64_t OpenCutEdges(std::span<const CutMesh> meshes) {
   for (const CutMesh& mesh : meshes) {
     for (const Triangle& face : mesh.faces) {
       for (size_t k = 0; k < 3; ++k) {
-        const CutPosition a = PositionOf(mesh.vertices[face[k]]), b = PositionOf(mesh.vertices[face[(k + 1) % 3]]);
+        const CutPosition a = CutPositionOf(mesh.vertices[face[k]]),
+                          b = CutPositionOf(mesh.vertices[face[(k + 1) % 3]]);
         ++edges[{a, b}];
         --edges[{b, a}];
       }
@@ -69,7 +70,7 @@ double CutAreaOf(const MeshSpans& mesh) {
   for (size_t f = 0; f < mesh.faces.size(); ++f) area += FaceArea(mesh, f);
   return area;
 }
-MeshSpans SpansOf(const CutMesh& mesh) {
+MeshSpans CutSpansOf(const CutMesh& mesh) {
   MeshSpans spans;
   spans.vertices = mesh.vertices;
   spans.faces = mesh.faces;
@@ -79,10 +80,10 @@ MeshSpans SpansOf(const CutMesh& mesh) {
 TEST(CutByRectsTest, NoFaceCrossesALineAndTheSurfaceStaysClosed) {
   const TileRects rects = CutRects();
   for (unsigned seed = 0; seed < 20; ++seed) {
-    const TriangleMesh mesh = RandomSphere(12, seed);
+    const TriangleMesh mesh = RandomCutSphere(12, seed);
     const CutMesh cut = CutByRects(mesh.vertices, mesh.faces, rects);
     EXPECT_EQ(OpenCutEdges({&cut, 1}), 0);
-    EXPECT_NEAR(CutAreaOf(SpansOf(cut)), CutAreaOf(mesh), 1e-9 * CutAreaOf(mesh));
+    EXPECT_NEAR(CutAreaOf(CutSpansOf(cut)), CutAreaOf(mesh), 1e-9 * CutAreaOf(mesh));
     EXPECT_GT(cut.faces.size(), mesh.faces.size());
     EXPECT_TRUE(std::is_sorted(cut.source_faces.begin(), cut.source_faces.end()));
     for (size_t v = 0; v < cut.vertices.size(); ++v) {
@@ -94,21 +95,21 @@ TEST(CutByRectsTest, NoFaceCrossesALineAndTheSurfaceStaysClosed) {
       }
     }
     for (size_t f = 0; f < cut.faces.size(); ++f) {
-      EXPECT_GT(FaceArea(SpansOf(cut), f), 0);
+      EXPECT_GT(FaceArea(CutSpansOf(cut), f), 0);
       for (const uint32_t v : cut.faces[f]) {
         const Eigen::Vector3d& p = cut.vertices[v];
         EXPECT_TRUE(cut.tiles[f] % 2 == 0 ? p.x() <= 10 : p.x() >= 10) << p.transpose();
         EXPECT_TRUE(cut.tiles[f] / 2 == 0 ? p.y() <= 10 : p.y() >= 10) << p.transpose();
       }
       const Eigen::Vector3d normal = FaceNormal(mesh, cut.source_faces[f]);
-      EXPECT_GT(normal.dot(FaceCross(SpansOf(cut), f)), 0);
+      EXPECT_GT(normal.dot(FaceCross(CutSpansOf(cut), f)), 0);
     }
   }
 }
 
 TEST(CutByRectsTest, PartsThatAreCutApartFitTogetherBitForBit) {
   const TileRects rects = CutRects();
-  const TriangleMesh mesh = RandomSphere(14, 3);
+  const TriangleMesh mesh = RandomCutSphere(14, 3);
   std::vector<CutMesh> parts;
   for (size_t first = 0; first < 4; ++first) {  // every fourth face, in another order and from another corner
     std::vector<Triangle> faces;
@@ -134,7 +135,7 @@ TEST(CutByRectsTest, ALongFaceIsCutAtManyLines) {
   MeshSpans whole;
   whole.vertices = vertices;
   whole.faces = faces;
-  EXPECT_NEAR(CutAreaOf(SpansOf(cut)), CutAreaOf(whole), 1e-12);
+  EXPECT_NEAR(CutAreaOf(CutSpansOf(cut)), CutAreaOf(whole), 1e-12);
 }
 
 TEST(CutByRectsTest, VerticesOnLinesGiveNoPartsWithoutArea) {
@@ -148,7 +149,7 @@ TEST(CutByRectsTest, VerticesOnLinesGiveNoPartsWithoutArea) {
   std::vector<int> parts(4);
   for (size_t f = 0; f < cut.faces.size(); ++f) {
     ++parts[cut.source_faces[f]];
-    EXPECT_GT(FaceArea(SpansOf(cut), f), 1e-6);
+    EXPECT_GT(FaceArea(CutSpansOf(cut), f), 1e-6);
   }
   EXPECT_THAT(parts, testing::ElementsAre(1, 1, 2, 2));
   EXPECT_EQ(cut.tiles[0], 1);  // on a line: the tile above it

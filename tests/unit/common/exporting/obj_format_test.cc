@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -28,7 +29,7 @@ namespace fs = std::filesystem;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-constexpr double kTile = 25;  // side of a tile in units of the source
+constexpr double kObjTile = 25;  // side of a tile in units of the source
 
 // A source with a closed surface, a torus of 56 units, over 3 x 3 tiles.
 struct ObjSource {
@@ -60,8 +61,8 @@ struct ObjSource {
     for (int x = 0; x < 3; ++x) {
       for (int y = 0; y < 3; ++y) {
         source->tiles.push_back(absl::StrCat("Tile_+00", x, "_+00", y));
-        const double x0 = centre.x() + (x - 1.5) * kTile, y0 = centre.y() + (y - 1.5) * kTile;
-        source->tile_rects.push_back({x0, y0, x0 + kTile, y0 + kTile});
+        const double x0 = centre.x() + (x - 1.5) * kObjTile, y0 = centre.y() + (y - 1.5) * kObjTile;
+        source->tile_rects.push_back({x0, y0, x0 + kObjTile, y0 + kObjTile});
       }
     }
   }
@@ -175,30 +176,26 @@ int64_t OpenObjEdges(const TriangleMesh& mesh) {
 }
 
 // Area by label, -1 first.
-std::map<int32_t, double> AreaOfLabels(const TriangleMesh& mesh) {
+std::map<int32_t, double> ObjAreaOfLabels(const TriangleMesh& mesh) {
   std::map<int32_t, double> areas;
   for (size_t f = 0; f < mesh.faces.size(); ++f) areas[mesh.labels.empty() ? 0 : mesh.labels[f]] += FaceArea(mesh, f);
   return areas;
 }
 
 // Every vertex of `expected` is one of `found` within `tolerance`. Returns the others of `found`.
-std::vector<Eigen::Vector3d> ExpectVertices(const TriangleMesh& found, const TriangleMesh& expected, double tolerance) {
-  std::vector<bool> used(found.vertices.size());
+std::vector<Eigen::Vector3d> ExpectObjVertices(const TriangleMesh& found, const TriangleMesh& expected,
+                                               double tolerance) {
+  std::multimap<double, Eigen::Vector3d> by_x;
+  for (const Eigen::Vector3d& v : found.vertices) by_x.emplace(v.x(), v);
   for (const Eigen::Vector3d& v : expected.vertices) {
-    size_t nearest = 0;
-    double least = INFINITY;
-    for (size_t k = 0; k < found.vertices.size(); ++k) {
-      const double distance = (found.vertices[k] - v).squaredNorm();
-      if (distance < least) least = distance, nearest = k;
-    }
-    EXPECT_LT(std::sqrt(least), tolerance) << v.transpose();
-    EXPECT_FALSE(used[nearest]) << "twice: " << v.transpose();
-    used[nearest] = true;
+    const auto end = by_x.upper_bound(v.x() + tolerance);
+    const auto same = std::find_if(by_x.lower_bound(v.x() - tolerance), end,
+                                   [&](const auto& other) { return (other.second - v).norm() < tolerance; });
+    EXPECT_TRUE(same != end) << v.transpose();
+    if (same != end) by_x.erase(same);
   }
   std::vector<Eigen::Vector3d> others;
-  for (size_t k = 0; k < used.size(); ++k) {
-    if (!used[k]) others.push_back(found.vertices[k]);
-  }
+  for (const auto& entry : by_x) others.push_back(entry.second);
   return others;
 }
 
@@ -211,7 +208,7 @@ class ObjFormatTest : public testing::Test {
   const std::string out_;
 };
 
-ObjSource Projected() {
+ObjSource ObjProjected() {
   return {"EPSG:25833", {391000.5, 5820000.25, 30}, {210.125, 87.5, 12}, FrameChoice::kGrid, {}};
 }
 
@@ -220,7 +217,7 @@ TEST_F(ObjFormatTest, TheSurfaceComesBackInTheTilesOfTheSourceInAnySystem) {
   geoid.geoid_height_m = 44.5;
   ellipsoid.ellipsoid = true;
   const std::vector<ObjSource> sources = {
-      Projected(),
+      ObjProjected(),
       {"EPSG:25833", {391000.5, 5820000.25, 30}, {210.125, 87.5, 12}, FrameChoice::kTrue, {}},
       {"EPSG:25833+5773", {391000, 5820000, 0}, {210.125, 87.5, 12}, FrameChoice::kGrid, geoid},
       {"EPSG:25833+5773", {391000, 5820000, 0}, {210.125, 87.5, 12}, FrameChoice::kTrue, geoid},
@@ -245,13 +242,13 @@ TEST_F(ObjFormatTest, TheSurfaceComesBackInTheTilesOfTheSourceInAnySystem) {
     EXPECT_EQ(read.source.crs, source.crs);
     EXPECT_EQ(read.source.offset, source.offset);
     EXPECT_EQ(OpenObjEdges(read.mesh), 0);
-    const double area = AreaOfLabels(read.mesh)[0];
+    const double area = ObjAreaOfLabels(read.mesh)[0];
     double expected_area = 0;
     for (size_t f = 0; f < mesh.faces.size(); ++f) expected_area += FaceArea(mesh, f);
     EXPECT_NEAR(area, expected_area, 1e-6 * expected_area);
-    for (const Eigen::Vector3d& cut : ExpectVertices(read.mesh, mesh, 1e-6)) {
+    for (const Eigen::Vector3d& cut : ExpectObjVertices(read.mesh, mesh, 1e-6)) {
       const Eigen::Vector2d from_centre = (cut - source.centre).head<2>().cwiseAbs();
-      EXPECT_TRUE(from_centre.x() == kTile / 2 || from_centre.y() == kTile / 2) << cut.transpose();
+      EXPECT_TRUE(from_centre.x() == kObjTile / 2 || from_centre.y() == kObjTile / 2) << cut.transpose();
     }
     EXPECT_EQ(read.mesh.vertices.size() * 2, read.mesh.faces.size());  // a torus without repeated vertices
     for (size_t t = 0; t < read.merged.tile_rects.size(); ++t) {
@@ -265,7 +262,7 @@ TEST_F(ObjFormatTest, TheSurfaceComesBackInTheTilesOfTheSourceInAnySystem) {
 }
 
 TEST_F(ObjFormatTest, ClassesAreMaterials) {
-  const ObjSource source = Projected();
+  const ObjSource source = ObjProjected();
   const ExportScene scene = source.Scene();
   const TriangleMesh mesh = source.Torus();
   ExportOptions options;
@@ -284,7 +281,7 @@ TEST_F(ObjFormatTest, ClassesAreMaterials) {
   const ObjReadBack read = ReadObjFolder(out_, merge);
   EXPECT_EQ(read.merged.classes, merge.classes);
   EXPECT_GT(read.merged.faces_without_class, 0);
-  std::map<int32_t, double> found = AreaOfLabels(read.mesh), expected = AreaOfLabels(mesh);
+  std::map<int32_t, double> found = ObjAreaOfLabels(read.mesh), expected = ObjAreaOfLabels(mesh);
   EXPECT_EQ(found.size(), 4u);
   for (const auto& [label, area] : expected) EXPECT_NEAR(found[label], area, 1e-6 * area) << label;
 }
@@ -311,7 +308,7 @@ TEST_F(ObjFormatTest, WithoutTilesTheCityIsOneFileOrAFileASheet) {
   EXPECT_EQ(OpenObjEdges(read.mesh), 0);
   EXPECT_EQ(read.mesh.vertices.size(), mesh.vertices.size());
   EXPECT_EQ(read.mesh.faces.size(), mesh.faces.size());
-  EXPECT_TRUE(ExpectVertices(read.mesh, mesh, 1e-6).empty());
+  EXPECT_TRUE(ExpectObjVertices(read.mesh, mesh, 1e-6).empty());
 
   fs::remove_all(out_);
   names = ExportObj(local, scene, {}, folder_.path(), /*max_faces=*/static_cast<int64_t>(mesh.faces.size()) - 1);
@@ -325,17 +322,17 @@ TEST_F(ObjFormatTest, WithoutTilesTheCityIsOneFileOrAFileASheet) {
 }
 
 TEST_F(ObjFormatTest, TilesWithoutRectanglesAreNotGuessed) {
-  const ObjSource source = Projected();
+  const ObjSource source = ObjProjected();
   ExportScene scene = source.Scene();
   scene.source->tile_rects.clear();
   const TriangleMesh mesh = source.Torus();
   EXPECT_THAT(*ExportObj(source.InLocal(mesh, scene), scene, {}, folder_.path()),
               ElementsAre("mesh.obj", "metadata.xml"));
-  EXPECT_TRUE(ExpectVertices(ReadObjFolder(out_).mesh, mesh, 1e-6).empty());
+  EXPECT_TRUE(ExpectObjVertices(ReadObjFolder(out_).mesh, mesh, 1e-6).empty());
 }
 
 TEST_F(ObjFormatTest, AnotherSystemKeepsTheTiles) {
-  const ObjSource source = Projected();
+  const ObjSource source = ObjProjected();
   const ExportScene scene = source.Scene();
   const TriangleMesh mesh = source.Torus(), local = source.InLocal(mesh, scene);
   ExportOptions options;
@@ -349,7 +346,7 @@ TEST_F(ObjFormatTest, AnotherSystemKeepsTheTiles) {
   TriangleMesh expected = local;
   ASSERT_TRUE(ExportMap::Open(scene, "EPSG:32632")->FromLocal(expected.vertices).ok());
   for (Eigen::Vector3d& v : expected.vertices) v -= read.source.offset;
-  ExpectVertices(read.mesh, expected, 1e-6);
+  ExpectObjVertices(read.mesh, expected, 1e-6);
   for (const Eigen::Vector3d& v : read.mesh.vertices) EXPECT_LT(v.cwiseAbs().maxCoeff(), 1000);
 }
 
@@ -363,11 +360,11 @@ TEST_F(ObjFormatTest, ASceneThatWasNotImportedStatesItsSystem) {
   const ObjReadBack read = ReadObjFolder(out_);
   EXPECT_EQ(read.source.crs, "EPSG:32633");
   EXPECT_EQ(read.source.offset, Eigen::Vector3d(391000, 5820000, 0));
-  EXPECT_TRUE(ExpectVertices(read.mesh, mesh, 1e-6).empty());
+  EXPECT_TRUE(ExpectObjVertices(read.mesh, mesh, 1e-6).empty());
 }
 
 TEST_F(ObjFormatTest, HostileNamesOfTilesAreRefusedBeforeWork) {
-  const ObjSource source = Projected();
+  const ObjSource source = ObjProjected();
   ExportScene scene = source.Scene();
   ExportOptions options;
   options.formats = {"obj"};
@@ -394,7 +391,7 @@ TEST_F(ObjFormatTest, HostileNamesOfTilesAreRefusedBeforeWork) {
 }
 
 TEST_F(ObjFormatTest, NamesWithFoldersAreReadAsTheyWere) {
-  const ObjSource source = Projected();
+  const ObjSource source = ObjProjected();
   ExportScene scene = source.Scene();
   for (size_t k = 0; k < 9; ++k) scene.source->tiles[k] = absl::StrCat("block ", k / 3, "/", k % 3, "/mesh");
   ASSERT_TRUE(ExportObj(source.InLocal(source.Torus(), scene), scene, {}, folder_.path()).ok());
@@ -405,7 +402,7 @@ TEST_F(ObjFormatTest, MetadataEscapesTheSystem) {
   const std::string crs =
       R"(GEOGCS["WGS 84 & <b>",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,AUTHORITY["EPSG","7030"]],)"
       R"(AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]])";
-  const StatusOr<ExportMap> map = ExportMap::Open(Projected().Scene(), crs);
+  const StatusOr<ExportMap> map = ExportMap::Open(ObjProjected().Scene(), crs);
   ASSERT_TRUE(map.ok()) << map.status();
   const std::string text = ObjMetadata(*map, {5e6, -1.0 / 3, 0});
   EXPECT_THAT(text, HasSubstr("<SRSOrigin>5000000,-0.3333"));
@@ -416,7 +413,7 @@ TEST_F(ObjFormatTest, MetadataEscapesTheSystem) {
 }
 
 TEST_F(ObjFormatTest, CoordinatesHaveNineDecimals) {
-  const ObjSource source = Projected();
+  const ObjSource source = ObjProjected();
   const ExportScene scene = source.Scene();
   ASSERT_TRUE(ExportObj(source.InLocal(source.Torus(), scene), scene, {}, folder_.path()).ok());
   EXPECT_EQ(Content("metadata.xml"),
@@ -430,7 +427,7 @@ TEST_F(ObjFormatTest, CoordinatesHaveNineDecimals) {
 }
 
 TEST_F(ObjFormatTest, TheSameInputGivesTheSameBytes) {
-  const ObjSource source = Projected();
+  const ObjSource source = ObjProjected();
   const ExportScene scene = source.Scene();
   const TriangleMesh local = source.InLocal(source.Torus(), scene);
   ExportOptions options;
@@ -444,7 +441,7 @@ TEST_F(ObjFormatTest, TheSameInputGivesTheSameBytes) {
 }
 
 TEST_F(ObjFormatTest, ADamagedPartIsRefused) {
-  const ObjSource source = Projected();
+  const ObjSource source = ObjProjected();
   const ExportScene scene = source.Scene();
   const TriangleMesh local = source.InLocal(source.Torus(), scene);
   ASSERT_TRUE(ExportObj(local, scene, {}, folder_.path()).ok());

@@ -12,7 +12,7 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 
 // Tiles of 100 x 100, row by row.
-std::vector<PlanRect> GridRects(int columns, int rows) {
+std::vector<PlanRect> ObjGridRects(int columns, int rows) {
   std::vector<PlanRect> rects;
   for (int y = 0; y < rows; ++y) {
     for (int x = 0; x < columns; ++x) rects.push_back({100.0 * x, 100.0 * y, 100.0 * x + 100, 100.0 * y + 100});
@@ -21,7 +21,7 @@ std::vector<PlanRect> GridRects(int columns, int rows) {
 }
 
 TEST(TileRectsTest, ARegularGridIsCutAtItsInnerLinesAndItsRimExtendsToInfinity) {
-  const TileRects rects = TileRects::Of(GridRects(3, 2));
+  const TileRects rects = TileRects::Of(ObjGridRects(3, 2));
   EXPECT_THAT(rects.xs(), ElementsAre(100, 200));
   EXPECT_THAT(rects.ys(), ElementsAre(100));
   EXPECT_EQ(rects.TileAt({50, 50}), 0);
@@ -31,7 +31,7 @@ TEST(TileRectsTest, ARegularGridIsCutAtItsInnerLinesAndItsRimExtendsToInfinity) 
 }
 
 TEST(TileRectsTest, MeshesThatDoNotFillTheirTilesLeaveTheGridAsItIs) {
-  std::vector<PlanRect> rects = GridRects(3, 3);
+  std::vector<PlanRect> rects = ObjGridRects(3, 3);
   rects[2] = {200, 10, 237.5, 63.25};  // the mesh ends there
   rects[6] = {71, 200, 100, 290};
   rects[4].x0 = 100.004;  // its faces were rounded or refined
@@ -44,7 +44,7 @@ TEST(TileRectsTest, MeshesThatDoNotFillTheirTilesLeaveTheGridAsItIs) {
 }
 
 TEST(TileRectsTest, CellsWithoutATileGoToTheNearest) {
-  std::vector<PlanRect> rects = GridRects(3, 3);
+  std::vector<PlanRect> rects = ObjGridRects(3, 3);
   rects[4] = {};  // a hole in the middle
   rects[8] = {};
   const TileRects grid = TileRects::Of(rects);
@@ -78,8 +78,8 @@ TEST(TileRectsTest, TilesOfDifferentSizesKeepTheirRectangles) {
 }
 
 TEST(TileRectsTest, OneTileOrNoneHasNoLines) {
-  for (const std::vector<PlanRect>& rects :
-       {std::vector<PlanRect>(), std::vector<PlanRect>(3), GridRects(1, 1), std::vector<PlanRect>{{}, {0, 0, 1, 1}}}) {
+  for (const std::vector<PlanRect>& rects : {std::vector<PlanRect>(), std::vector<PlanRect>(3), ObjGridRects(1, 1),
+                                             std::vector<PlanRect>{{}, {0, 0, 1, 1}}}) {
     const TileRects one = TileRects::Of(rects);
     EXPECT_THAT(one.xs(), IsEmpty());
     EXPECT_THAT(one.ys(), IsEmpty());
