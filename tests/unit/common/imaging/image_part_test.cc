@@ -89,9 +89,13 @@ TEST(ImagePartTest, OfColours) {
     for (int i = 0; i < kWidth * kHeight; ++i) {
       const float sum = 0.299f * whole->plane(0)[i] + 0.587f * whole->plane(1)[i] + 0.114f * whole->plane(2)[i];
       EXPECT_EQ(std::isnan(sum), std::isnan(luminance->data[i]));
-      if (!std::isnan(sum)) EXPECT_NEAR(sum, luminance->data[i], 1e-5);
+      if (!std::isnan(sum)) {
+        EXPECT_NEAR(sum, luminance->data[i], 1e-5);
+      }
     }
-    if (lens.kind == LensModel::Kind::kPinhole) EXPECT_FLOAT_EQ(whole->at(3, 2, 2), pixels.at(3, 2, 2) / 255.f);
+    if (lens.kind == LensModel::Kind::kPinhole) {
+      EXPECT_FLOAT_EQ(whole->at(3, 2, 2), pixels.at(3, 2, 2) / 255.f);
+    }
   }
 }
 
