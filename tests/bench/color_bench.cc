@@ -1,14 +1,17 @@
 // What colours from photographs are worth: a refined mesh is coloured without some views, drawn into each of them, and
 // compared with its photograph.
 //   color_bench SCENE MESH [--every N]
-// Prints, for every N-th view, the mean absolute error of red, green and blue (0 to 255) at the pixels that show
-// coloured vertices: of the colours of ColorPoints, of those by each vertex's best view alone, and of those by the
-// nearest camera alone; the ratios; and CPU microseconds per vertex.
+// Prints, for every N-th view, the mean absolute error of red, green and blue (0 to 255) of the colours of ColorPoints,
+// that of the colours by each vertex's best view alone, and their ratio, at the pixels that show the mesh and at its
+// vertices (without the error of interpolation); the same beside the view with the nearest direction alone; the counts
+// in millions; and CPU microseconds per vertex.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/exporting/color/point_colors.h"
@@ -74,51 +77,91 @@ StatusOr<ColoredMesh> ColorBy(const SceneDescription& scene, const Surface& surf
   return colored;
 }
 
-// The view with the nearest direction of view among those whose camera is not far more distant than the nearest.
+// The view whose direction is nearest to that of view `of`.
 size_t NearestView(const SceneDescription& scene, size_t of) {
-  size_t nearest = of;
-  double best = 1e30;
+  const auto direction = [&](size_t v) { return scene.views[v].camera.rotation_cam_from_world.row(2); };
+  size_t nearest = of == 0 ? 1 : 0;
   for (size_t v = 0; v < scene.views.size(); ++v) {
-    if (v == of) continue;
-    const PosedCamera &a = scene.views[v].camera, &b = scene.views[of].camera;
-    const double cosine = a.rotation_cam_from_world.row(2).dot(b.rotation_cam_from_world.row(2));
-    const double distance = (a.Centre() - b.Centre()).norm() + 100 * std::acos(std::min(1.0, cosine));
-    if (distance < best) best = distance, nearest = v;
+    if (v != of && direction(v).dot(direction(of)) > direction(nearest).dot(direction(of))) nearest = v;
   }
   return nearest;
 }
 
+// Sums of absolute errors of two colourings.
 struct Errors {
-  double five = 0, other = 0;
+  double median = 0, other = 0;
   int64_t values = 0;
+
+  void Add(const Eigen::Vector3d& by_median, const Eigen::Vector3d& by_other, const Eigen::Vector3d& photograph) {
+    median += (by_median - 255 * photograph).lpNorm<1>();
+    other += (by_other - 255 * photograph).lpNorm<1>();
+    values += 3;
+  }
+  void Print() const {
+    const auto count = static_cast<double>(values);
+    std::printf(" | %8.3f %7.2f %7.2f %6.3f", 1e-6 * count / 3, median / count, other / count, median / other);
+  }
+  Errors& operator+=(const Errors& b) {
+    median += b.median;
+    other += b.other;
+    values += b.values;
+    return *this;
+  }
 };
 
-// Errors of two colourings at the pixels of view `v` that show vertices which both have coloured.
-Errors Compare(const SceneDescription& scene, const Surface& surface, const RayCaster& caster, size_t v,
-               const FloatImage& photograph, const ColoredMesh& five, const ColoredMesh& other) {
+Eigen::Vector3d ColorAt(const FloatImage& image, double x, double y) {  // bilinear; NaN outside
+  const int u = static_cast<int>(std::floor(x - 0.5)), v = static_cast<int>(std::floor(y - 0.5));
+  Eigen::Vector3d color = Eigen::Vector3d::Constant(NAN);
+  if (u < 0 || v < 0 || u + 1 >= image.width || v + 1 >= image.height) return color;
+  const double a = x - 0.5 - u, b = y - 0.5 - v;
+  for (int c = 0; c < 3; ++c) {
+    color[c] = (1 - b) * ((1 - a) * image.at(u, v, c) + a * image.at(u + 1, v, c)) +
+               b * ((1 - a) * image.at(u, v + 1, c) + a * image.at(u + 1, v + 1, c));
+  }
+  return color;
+}
+
+Eigen::Vector3d AsVector(const Rgb& color) { return {1.0 * color[0], 1.0 * color[1], 1.0 * color[2]}; }
+
+// At the pixels of the view that show vertices which both have coloured.
+Errors ComparePixels(const PosedCamera& camera, const Surface& surface, const RayCaster& caster,
+                     const FloatImage& photograph, const ColoredMesh& by_median, const ColoredMesh& by_other) {
   Errors errors;
-  const PosedCamera& camera = scene.views[v].camera;
   for (int y = 0; y < photograph.height; ++y) {
     for (int x = 0; x < photograph.width; ++x) {
-      if (std::isnan(photograph.at(x, y))) continue;
+      const Eigen::Vector3d expected(photograph.at(x, y, 0), photograph.at(x, y, 1), photograph.at(x, y, 2));
       const RayHit hit = caster.Cast(camera.Centre(), camera.Ray(x + 0.5, y + 0.5));
-      if (!hit.hit()) continue;
-      const Triangle& face = surface.mesh.faces[hit.face];
-      bool known = true;
-      for (const uint32_t i : face) known = known && five.seen[i] > 0 && other.seen[i] > 0;
-      if (!known) continue;
+      if (!expected.allFinite() || !hit.hit()) continue;
       const double weights[3] = {1 - hit.u - hit.v, hit.u, hit.v};
-      for (int c = 0; c < 3; ++c) {
-        double a = 0, b = 0;
-        for (int k = 0; k < 3; ++k) {
-          a += weights[k] * five.colors[face[k]][c];
-          b += weights[k] * other.colors[face[k]][c];
-        }
-        errors.five += std::abs(a - 255 * photograph.at(x, y, c));
-        errors.other += std::abs(b - 255 * photograph.at(x, y, c));
-        ++errors.values;
+      Eigen::Vector3d a = Eigen::Vector3d::Zero(), b = a;
+      bool is_known = true;
+      for (int k = 0; k < 3; ++k) {
+        const uint32_t v = surface.mesh.faces[hit.face][k];
+        is_known = is_known && by_median.seen[v] > 0 && by_other.seen[v] > 0;
+        a += weights[k] * AsVector(by_median.colors[v]);
+        b += weights[k] * AsVector(by_other.colors[v]);
       }
+      if (is_known) errors.Add(a, b, expected);
     }
+  }
+  return errors;
+}
+
+// At the vertices that the view sees.
+Errors CompareVertices(const PosedCamera& camera, const Surface& surface, const RayCaster& caster,
+                       const FloatImage& photograph, const ColoredMesh& by_median, const ColoredMesh& by_other) {
+  Errors errors;
+  for (size_t v = 0; v < surface.mesh.vertices.size(); ++v) {
+    const Eigen::Vector3d& p = surface.mesh.vertices[v];
+    const Eigen::Vector3d normal = surface.normals[v].cast<double>(), to_camera = camera.Centre() - p;
+    const Eigen::Vector3d at = camera.Project(p);
+    if (by_median.seen[v] == 0 || by_other.seen[v] == 0 || !camera.InImage(at)) continue;
+    const double gsd_m = at.z() / camera.intrinsics.fx;
+    if (normal.dot(to_camera.normalized()) < 0.17 || caster.Occluded(p + gsd_m * normal, camera.Centre(), gsd_m)) {
+      continue;
+    }
+    const Eigen::Vector3d expected = ColorAt(photograph, at.x(), at.y());
+    if (expected.allFinite()) errors.Add(AsVector(by_median.colors[v]), AsVector(by_other.colors[v]), expected);
   }
   return errors;
 }
@@ -129,36 +172,39 @@ Status Bench(const std::string& scene_path, const std::string& mesh_path, int ev
   for (Eigen::Vector3d& p : content.mesh.vertices) p = scene.frame.LocalFromScene(p);
   const Surface surface = SurfaceOf(std::move(content.mesh));
   const RayCaster caster(surface.mesh);
-  double sums[4] = {};
   double cpu_s = 0;
   int colorings = 0;
-  std::printf("%-12s %8s | %8s %8s %6s | %8s %8s %6s\n", "view", "Mpixels", "median", "best", "ratio", "median",
-              "nearest", "ratio");
+  std::printf("%-10s | %33s | %33s | %33s\n", "", "pixels: median, best, ratio", "vertices: median, best, ratio",
+              "pixels: median, nearest, ratio");
+  Errors sums[3];
   for (size_t v = 0; v < scene.views.size(); v += static_cast<size_t>(every)) {
     std::vector<bool> used(scene.views.size(), true), nearest(scene.views.size(), false);
     used[v] = false;
     nearest[NearestView(scene, v)] = true;
     const std::clock_t start = std::clock();
-    TESSERA_ASSIGN_OR_RETURN(const ColoredMesh five, ColorBy(scene, surface, used, 5));
+    TESSERA_ASSIGN_OR_RETURN(const ColoredMesh by_median, ColorBy(scene, surface, used, 5));
     cpu_s += static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
     ++colorings;
-    TESSERA_ASSIGN_OR_RETURN(const ColoredMesh best, ColorBy(scene, surface, used, 1));
-    TESSERA_ASSIGN_OR_RETURN(const ColoredMesh near, ColorBy(scene, surface, nearest, 1));
+    TESSERA_ASSIGN_OR_RETURN(const ColoredMesh by_best, ColorBy(scene, surface, used, 1));
+    TESSERA_ASSIGN_OR_RETURN(const ColoredMesh by_nearest, ColorBy(scene, surface, nearest, 1));
     const LensModel& lens = scene.views[v].lens;
     TESSERA_ASSIGN_OR_RETURN(const FloatImage photograph,
                              ReadColorPart(scene.folder + "/" + scene.views[v].image_path, lens,
-                                           {0, 0, lens.pinhole.width, lens.pinhole.height}, {}));
-    const Errors a = Compare(scene, surface, caster, v, photograph, five, best);
-    const Errors b = Compare(scene, surface, caster, v, photograph, five, near);
-    const double values[4] = {a.five / static_cast<double>(a.values), a.other / static_cast<double>(a.values),
-                              b.five / static_cast<double>(b.values), b.other / static_cast<double>(b.values)};
-    for (int i = 0; i < 4; ++i) sums[i] += values[i];
-    std::printf("%-12s %8.3f | %8.2f %8.2f %6.3f | %8.2f %8.2f %6.3f\n", scene.views[v].name.c_str(),
-                1e-6 * static_cast<double>(a.values) / 3, values[0], values[1], values[0] / values[1], values[2],
-                values[3], values[2] / values[3]);
+                                           {0, 0, lens.pinhole.width, lens.pinhole.height}));
+    const PosedCamera& camera = scene.views[v].camera;
+    const Errors errors[3] = {ComparePixels(camera, surface, caster, photograph, by_median, by_best),
+                              CompareVertices(camera, surface, caster, photograph, by_median, by_best),
+                              ComparePixels(camera, surface, caster, photograph, by_median, by_nearest)};
+    std::printf("%-10s", scene.views[v].name.c_str());
+    for (int i = 0; i < 3; ++i) {
+      errors[i].Print();
+      sums[i] += errors[i];
+    }
+    std::printf("\n");
   }
-  std::printf("%-12s %8s | %8.2f %8.2f %6.3f | %8.2f %8.2f %6.3f\n", "mean", "", sums[0] / colorings,
-              sums[1] / colorings, sums[0] / sums[1], sums[2] / colorings, sums[3] / colorings, sums[2] / sums[3]);
+  std::printf("%-10s", "all");
+  for (const Errors& sum : sums) sum.Print();
+  std::printf("\n");
   std::printf("%zu vertices, %zu views: %.2f CPU microseconds per vertex\n", surface.mesh.vertices.size(),
               scene.views.size(), 1e6 * cpu_s / colorings / static_cast<double>(surface.mesh.vertices.size()));
   return absl::OkStatus();

@@ -22,8 +22,8 @@ struct PointColorInput {
   std::span<const SceneView> views;          // that may show the points
   std::span<const std::string> view_files;   // path of the photograph per view; empty: the view is not used
   std::span<const std::string> mask_files;   // path of the mask per view, empty: none; or no elements
-  std::span<const float> spacing_m = {};     // per point: distance to its neighbours; finer photographs are averaged to
-                                             // it (pyramid levels). No elements: they are not
+  std::span<const float> spacing_m = {};  // per point: distance to its neighbours; photographs are averaged to pixels
+                                          // of at most half of it (pyramid levels). No elements: they are not
   int views_per_point = 5;
 };
 
@@ -34,9 +34,9 @@ struct PointColorInput {
 // so that colours do not jump where a view ends. Masked pixels are as if the view did not see the point.
 //
 // `seen`: per point, how many views gave its colour; 0: none, the colour is black. Memory: a part of one photograph,
-// the occluders as Embree holds them, about 100 bytes a point (twice as much with masks). The result does not depend on
-// the order of views of different quality, nor on the number of threads. INVALID_ARGUMENT for sizes that differ; errors
-// as ReadColorPart; CANCELLED.
+// the occluders as Embree holds them, about 140 bytes a point (twice as much with masks). The result does not depend on
+// the order of the views, which have different names, nor on the number of threads. INVALID_ARGUMENT for sizes that
+// differ; errors as ReadColorPart; CANCELLED.
 Status ColorPoints(const PointColorInput& input, std::vector<Rgb>* colors, std::vector<uint8_t>* seen,
                    const TaskControl& control);
 

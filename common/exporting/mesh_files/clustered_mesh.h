@@ -25,8 +25,8 @@ class ClusteredMesh {
 
  private:
   struct Cluster {
-    // Sum over faces of n nᵀ (x - c) . (x - c), for n of length twice the area and c the centre of the cube: the upper
-    // triangle of the matrix, its product with the centre's offset from the plane.
+    // Sums over the corners of faces, for normals n of length twice the area and corners p relative to the centre of
+    // the cube: n n^T (its upper triangle) and (n . p) n. The point x solves matrix x = vector.
     Eigen::Matrix<double, 6, 1> matrix = Eigen::Matrix<double, 6, 1>::Zero();
     Eigen::Vector3d vector = Eigen::Vector3d::Zero();
     Eigen::Vector3d position_sum = Eigen::Vector3d::Zero();  // relative to the centre

@@ -374,7 +374,9 @@ TEST(GlbExportTest, SimplifiesToTheMostTrianglesWithoutCracks) {
   for (const auto& [edge, faces] : faces_at) {
     const float x = 0.5f * (positions[3 * edge.first] + positions[3 * edge.second]);
     const float z = 0.5f * (positions[3 * edge.first + 2] + positions[3 * edge.second + 2]);
-    if (std::abs(x - seam_x) < 2 && std::abs(z) < 7) EXPECT_GE(faces, 2) << x << " " << z;
+    if (std::abs(x - seam_x) < 2 && std::abs(z) < 7) {
+      EXPECT_GE(faces, 2) << x << " " << z;
+    }
   }
 }
 
