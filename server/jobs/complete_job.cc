@@ -6,7 +6,9 @@
 #include <set>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "server/jobs/planner.h"
 #include "server/ledger/base_of.h"
 #include "server/plan/rollback.h"
@@ -60,8 +62,8 @@ Status CheckExportsOfBase(DispatchCore& core, Recovery& recovery, const JobSetti
   for (const std::string& name : settings.exports.formats) {
     const ExportFormat* const format = FindExportFormat(name);
     if (format == nullptr || !format->reads_changes || has_changes) continue;
-    return absl::InvalidArgumentError("formats: found " + name + " for " + base.name +
-                                      ", which has no changes.geojson, expected an update with a new flight");
+    return absl::InvalidArgumentError(absl::StrCat("formats: found ", name, " for ", base.name, ", which has no ",
+                                                   kChangesGeoJsonFile, ", expected an update with a new flight"));
   }
   TESSERA_ASSIGN_OR_RETURN(const std::string json, recovery.ReadSurveyOf(base));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(json));

@@ -38,8 +38,9 @@ StatusOr<ExportOptions> ExportOptionsOf(const ExportSettings& settings) {
   without_crs.crs.clear();
   faults.Add(CheckExport(without_crs, ExportScene()));
   if (!settings.color.empty() && !FindVertexColor(settings.color)) {
-    faults.Add(absl::InvalidArgumentError("color: found '" + Printable(Prefix(settings.color, kMaxShownBytes)) +
-                                          "', expected class, image, confidence or displacement"));
+    faults.Add(
+        absl::InvalidArgumentError(absl::StrCat("color: found '", Printable(Prefix(settings.color, kMaxShownBytes)),
+                                                "', expected class, image, confidence or displacement")));
   }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return options;
