@@ -8,12 +8,28 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/json_bounds.h"
 #include "common/exporting/export_map.h"
+#include "common/exporting/raster/raster_formats.h"
 
 namespace tessera {
 namespace {
 
 // By name.
-constexpr std::array<ExportFormat, 0> kExportFormats = {};
+constexpr std::array<ExportFormat, 2> kExportFormats = {{
+    {.name = "classes",
+     .what = "classes of the surface from above, as GeoTIFF",
+     .reads_neighbours = true,
+     .has_part = true,
+     .write_sheet = WriteClassesSheet,
+     .join = JoinClasses,
+     .check = CheckClassesRaster},
+    {.name = "dsm",
+     .what = "heights of the surface, as GeoTIFF",
+     .reads_neighbours = true,
+     .has_part = true,
+     .write_sheet = WriteDsmSheet,
+     .join = JoinDsm,
+     .check = CheckRaster},
+}};
 
 constexpr std::array<std::string_view, 4> kVertexColors = {"class", "image", "confidence", "displacement"};
 
@@ -59,6 +75,14 @@ Status CheckExport(const ExportOptions& options, const ExportScene& scene) {
   }
   const StatusOr<ExportMap> map = ExportMap::Open(scene, options.crs);
   if (!map.ok()) faults.Add(map.status());
+  if (!faults.empty()) return faults.ToStatus();
+  Status last;  // formats may refuse an option with the same words
+  for (const std::string& name : options.formats) {
+    const ExportFormat& format = *FindExportFormat(name);
+    const Status status = format.check == nullptr ? absl::OkStatus() : format.check(options, scene);
+    if (status != last) faults.Add(status);
+    last = status;
+  }
   return faults.ToStatus();
 }
 

@@ -73,6 +73,8 @@ struct ExportFormat {
                                                     const TaskControl&) = nullptr;
   // Writes the files for all sheets together. Memory is bounded by a few sheets. May be null.
   StatusOr<std::vector<std::string>> (*join)(const JoinInput&, const std::string& folder, const TaskControl&) = nullptr;
+  // Refuses options that no sheet of the scene can have, for CheckExport. May be null.
+  Status (*check)(const ExportOptions&, const ExportScene&) = nullptr;
 };
 
 // All formats, by name.
@@ -81,7 +83,7 @@ std::span<const ExportFormat> ExportFormats();
 const ExportFormat* FindExportFormat(std::string_view name);
 
 // Refuses before work what cannot succeed. INVALID_ARGUMENT names every fault: an unknown format or none, a system for
-// a scene without one, a missing grid, a gsd that is not positive.
+// a scene without one, a missing grid, a gsd that is not positive, and what a format's check refuses.
 Status CheckExport(const ExportOptions& options, const ExportScene& scene);
 
 // Canonical JSON of the options, part of task keys.
