@@ -8,13 +8,14 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/json_bounds.h"
 #include "common/exporting/export_map.h"
+#include "common/exporting/raster/ortho_sheet.h"
 #include "common/exporting/raster/raster_formats.h"
 
 namespace tessera {
 namespace {
 
 // By name.
-constexpr std::array<ExportFormat, 2> kExportFormats = {{
+constexpr std::array<ExportFormat, 3> kExportFormats = {{
     {.name = "classes",
      .what = "classes of the surface from above, as GeoTIFF",
      .reads_neighbours = true,
@@ -28,6 +29,14 @@ constexpr std::array<ExportFormat, 2> kExportFormats = {{
      .has_part = true,
      .write_sheet = WriteDsmSheet,
      .join = JoinDsm,
+     .check = CheckRaster},
+    {.name = "ortho",
+     .what = "true orthophoto of the surface, as GeoTIFF",
+     .reads_neighbours = true,
+     .reads_photographs = true,
+     .has_part = true,
+     .write_sheet = WriteOrthoSheet,
+     .join = JoinOrtho,
      .check = CheckRaster},
 }};
 
