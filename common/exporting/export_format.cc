@@ -12,13 +12,37 @@
 #include "common/exporting/mesh_files/glb_export.h"
 #include "common/exporting/mesh_files/ply_export.h"
 #include "common/exporting/obj/obj_format.h"
+#include "common/exporting/raster/ortho_sheet.h"
+#include "common/exporting/raster/raster_formats.h"
+#include "common/exporting/tiles3d/tiles3d.h"
 
 namespace tessera {
 namespace {
 
 // By name.
 constexpr ExportFormat kExportFormats[] = {
+    {.name = "3dtiles",
+     .what = "3D Tiles 1.1: levels of detail as GLB, on the globe; for Cesium, Unreal and web viewers",
+     .reads_start = true,
+     .colored = true,
+     .has_part = true,
+     .write_sheet = WriteTiles3dSheet,
+     .join = JoinTiles3d},
     {.name = "changes", .what = "changed areas of an update, GeoJSON", .reads_changes = true, .join = JoinChanges},
+    {.name = "classes",
+     .what = "classes of the surface from above, GeoTIFF",
+     .reads_neighbours = true,
+     .has_part = true,
+     .write_sheet = WriteClassesSheet,
+     .join = JoinClasses,
+     .check = CheckClassesRaster},
+    {.name = "dsm",
+     .what = "heights of the surface, GeoTIFF",
+     .reads_neighbours = true,
+     .has_part = true,
+     .write_sheet = WriteDsmSheet,
+     .join = JoinDsm,
+     .check = CheckRaster},
     {.name = "glb",
      .what = "one binary glTF of at most 4 million triangles",
      .colored = true,
@@ -31,6 +55,14 @@ constexpr ExportFormat kExportFormats[] = {
      .write_sheet = WriteObjSheet,
      .join = JoinObj,
      .check = CheckObjExport},
+    {.name = "ortho",
+     .what = "true orthophoto of the surface, GeoTIFF",
+     .reads_neighbours = true,
+     .reads_photographs = true,
+     .has_part = true,
+     .write_sheet = WriteOrthoSheet,
+     .join = JoinOrtho,
+     .check = CheckRaster},
     {.name = "ply",
      .what = "one PLY with labels and colours of vertices and faces",
      .colored = true,
@@ -83,7 +115,7 @@ Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::
   faults.Add(CheckFormatNames(options, formats));
   for (const std::string& name : options.formats) {
     const ExportFormat* const format = FindExportFormat(name, formats);
-    if (format != nullptr && format->check != nullptr) faults.Add(format->check(scene, options));
+    if (format != nullptr && format->check != nullptr) faults.Add(format->check(options, scene));
   }
   if (!(options.gsd_m >= 0) || !std::isfinite(options.gsd_m)) {
     faults.Add(absl::InvalidArgumentError(
@@ -91,6 +123,14 @@ Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::
   }
   const StatusOr<ExportMap> map = ExportMap::Open(scene, options.crs);
   if (!map.ok()) faults.Add(map.status());
+  if (!faults.empty()) return faults.ToStatus();
+  Status last;  // formats may refuse an option with the same words
+  for (const std::string& name : options.formats) {
+    const ExportFormat& format = *FindExportFormat(name);
+    const Status status = format.check == nullptr ? absl::OkStatus() : format.check(options, scene);
+    if (status != last) faults.Add(status);
+    last = status;
+  }
   return faults.ToStatus();
 }
 

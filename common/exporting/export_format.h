@@ -76,7 +76,7 @@ struct ExportFormat {
   // Writes the files for all sheets together. Memory is bounded by a few sheets. May be null.
   StatusOr<std::vector<std::string>> (*join)(const JoinInput&, const std::string& folder, const TaskControl&) = nullptr;
   // Refuses before work what the format cannot write (CheckExport). May be null.
-  Status (*check)(const ExportScene&, const ExportOptions&) = nullptr;
+  Status (*check)(const ExportOptions&, const ExportScene&) = nullptr;
 };
 
 // All formats, by name.
@@ -88,7 +88,7 @@ const ExportFormat* FindExportFormat(std::string_view name, std::span<const Expo
 Status CheckFormatNames(const ExportOptions& options, std::span<const ExportFormat> formats = ExportFormats());
 
 // Refuses before work what cannot succeed. INVALID_ARGUMENT names every fault: an unknown format or none, a system for
-// a scene without one, a missing grid, a gsd that is not positive.
+// a scene without one, a missing grid, a gsd that is not positive, and what a format's check refuses.
 Status CheckExport(const ExportOptions& options, const ExportScene& scene,
                    std::span<const ExportFormat> formats = ExportFormats());
 

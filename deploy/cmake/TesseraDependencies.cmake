@@ -28,6 +28,12 @@ find_package(SQLite3 REQUIRED)
 find_package(JPEG REQUIRED)
 find_package(PNG REQUIRED)
 find_package(TIFF REQUIRED)
+# libgeotiff has no CMake package in Debian.
+find_path(GEOTIFF_INCLUDE_DIR geotiff/geotiff.h REQUIRED)
+find_library(GEOTIFF_LIBRARY geotiff REQUIRED)
+add_library(geotiff SHARED IMPORTED)
+set_target_properties(geotiff PROPERTIES IMPORTED_LOCATION ${GEOTIFF_LIBRARY}
+  INTERFACE_INCLUDE_DIRECTORIES ${GEOTIFF_INCLUDE_DIR})
 find_package(pugixml CONFIG REQUIRED)
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(xxhash REQUIRED IMPORTED_TARGET libxxhash)

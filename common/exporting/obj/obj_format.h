@@ -16,7 +16,7 @@ namespace tessera {
 inline constexpr int64_t kMaxFacesOfObj = 10'000'000;
 
 // Refuses names of tiles that cannot be names of files (ObjTilePaths).
-Status CheckObjExport(const ExportScene& scene, const ExportOptions& options);
+Status CheckObjExport(const ExportOptions& options, const ExportScene& scene);
 
 // Writes kPartFile: the sheet's faces in coordinates of the files, cut at the source's tiles. Returns no names.
 StatusOr<std::vector<std::string>> WriteObjSheet(const SheetInput& input, const std::string& folder,

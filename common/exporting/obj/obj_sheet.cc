@@ -44,7 +44,7 @@ StatusOr<CutMesh> WholeObjSheet(const SheetInput& input, const ExportMap& map) {
 
 }  // namespace
 
-Status CheckObjExport(const ExportScene& scene, const ExportOptions&) { return ObjTilePaths(scene).status(); }
+Status CheckObjExport(const ExportOptions&, const ExportScene& scene) { return ObjTilePaths(scene).status(); }
 
 StatusOr<std::vector<std::string>> WriteObjSheet(const SheetInput& input, const std::string& folder,
                                                  const TaskControl& control) {
