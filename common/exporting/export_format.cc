@@ -8,12 +8,20 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/json_bounds.h"
 #include "common/exporting/export_map.h"
+#include "common/exporting/tiles3d/tiles3d.h"
 
 namespace tessera {
 namespace {
 
 // By name.
-constexpr std::array<ExportFormat, 0> kExportFormats = {};
+constexpr std::array<ExportFormat, 1> kExportFormats = {
+    {{.name = "3dtiles",
+      .what = "3D Tiles 1.1: levels of detail as GLB, placed on the globe; for Cesium, Unreal and web viewers",
+      .reads_start = true,
+      .colored = true,
+      .has_part = true,
+      .write_sheet = WriteTiles3dSheet,
+      .join = JoinTiles3d}}};
 
 constexpr std::array<std::string_view, 4> kVertexColors = {"class", "image", "confidence", "displacement"};
 
