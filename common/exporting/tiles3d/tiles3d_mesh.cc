@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <utility>
 
 #include "common/base/random.h"
 #include "common/geometry/nearest_surface.h"

@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <span>
 #include <utility>
 
@@ -16,6 +18,8 @@ namespace {
 
 // Squares so many times halved are divided by the order of their faces: many faces have their centroids at one place.
 constexpr int kTiles3dDepth = 24;
+// The displacement that is shown as white.
+constexpr double kTilesWhiteDisplacement_gsd = 10;
 
 struct TileNode {
   Tiles3dFaces faces;         // of its content
@@ -74,13 +78,17 @@ class TileTree {
   std::vector<Eigen::Vector2d> centroids_;
 };
 
-// Vertex colours of the sheet; empty: those of the classes.
-std::vector<Rgb> TileColorsOf(const Sheet& sheet, const ExportOptions& options) {
-  if (options.color == VertexColor::kImage) return sheet.colors;
-  return {};
+// From black, 0, to white, 1.
+std::vector<Rgb> TileGreys(const std::vector<float>& values, double white) {
+  std::vector<Rgb> colors;
+  for (const float value : values) {
+    const auto grey = static_cast<uint8_t>(std::lround(255 * std::clamp(value / white, 0.0, 1.0)));
+    colors.push_back({grey, grey, grey});
+  }
+  return colors;
 }
 
-StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const ExportOptions& options, const GlobeMap& globe) {
+StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const SheetInput& input, const GlobeMap& globe) {
   Tiles3dVertices vertices;
   vertices.positions = sheet.vertices;
   TESSERA_RETURN_IF_ERROR(globe.EnuFromLocal(vertices.positions));
@@ -88,7 +96,6 @@ StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const ExportOptions
     p = (p / kTiles3dGrid_m).array().round() * kTiles3dGrid_m + 0.0;  // + 0.0: no -0
   }
   vertices.displacement_m = sheet.displacement_m;
-  vertices.colors = TileColorsOf(sheet, options);
   // Means of the faces around a vertex, by area.
   vertices.normals.assign(sheet.vertices.size(), Eigen::Vector3f::Zero());
   std::vector<float> areas(sheet.confidence.empty() ? 0 : sheet.vertices.size(), 0);
@@ -108,6 +115,12 @@ StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const ExportOptions
   }
   for (Eigen::Vector3f& n : vertices.normals) n.stableNormalize();
   for (size_t v = 0; v < areas.size(); ++v) vertices.confidence[v] /= std::max(areas[v], 1e-20f);
+  const VertexColor color = input.options.color;
+  if (color == VertexColor::kImage) vertices.colors = sheet.colors;
+  if (color == VertexColor::kConfidence) vertices.colors = TileGreys(vertices.confidence, 1);
+  if (color == VertexColor::kDisplacement) {
+    vertices.colors = TileGreys(vertices.displacement_m, kTilesWhiteDisplacement_gsd * input.scene.gsd_m);
+  }
   return vertices;
 }
 
@@ -131,7 +144,7 @@ class TileSetWriter {
     Tiles3dPart part;
     part.set = set_;
     if (sheet_.faces.empty()) return part;
-    TESSERA_ASSIGN_OR_RETURN(vertices_, TileVerticesOf(sheet_, input_.options, globe));
+    TESSERA_ASSIGN_OR_RETURN(vertices_, TileVerticesOf(sheet_, input_, globe));
     std::vector<TileNode> nodes = TileTree(sheet_, input_.scene.ground, input_.id, sizes_.leaf_faces).nodes;
     const std::string subfolder = absl::StrCat(set_, "/", SheetName(input_.id));
     TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(folder_, "/", subfolder)));

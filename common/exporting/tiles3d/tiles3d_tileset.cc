@@ -28,7 +28,8 @@ TilesetObject TileJson(const Tiles3dTile& tile) {
 }  // namespace
 
 std::string Tiles3dTilesetJson(const Tiles3dTile& root, const GlobeMap* globe) {
-  TilesetObject json = {{"asset", {{"version", "1.1"}, {"generator", "Tessera"}}}, {"root", TileJson(root)}};
+  TilesetObject json = {{"asset", {{"version", "1.1"}, {"extras", {{"generator", "Tessera"}}}}},
+                        {"root", TileJson(root)}};
   // The error without the tile set: as large as what it shows.
   json["geometricError"] = std::max(root.error_m, root.box.diagonal().norm());
   json["root"]["refine"] = "REPLACE";
@@ -38,9 +39,9 @@ std::string Tiles3dTilesetJson(const Tiles3dTile& root, const GlobeMap* globe) {
     const Eigen::Matrix4d matrix = globe->ecef_from_enu().matrix();
     for (int k = 0; k < 16; ++k) transform.push_back(matrix(k % 4, k / 4) + 0.0);  // column by column
   } else if (globe != nullptr) {
-    json["asset"]["extras"] = {
-        {"on_globe", false},
-        {"note", "The scene has no coordinate reference system: the tile set has no place on the globe."}};
+    TilesetObject& extras = json["asset"]["extras"];
+    extras["on_globe"] = false;
+    extras["note"] = "The scene has no coordinate reference system: the tile set has no place on the globe.";
   }
   return json.dump(-1, ' ', false, TilesetObject::error_handler_t::replace) + "\n";
 }

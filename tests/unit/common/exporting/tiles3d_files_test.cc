@@ -56,7 +56,7 @@ TEST(Tiles3dGlbTest, DoublesVerticesBetweenClassesAndHasTheirTable) {
   const auto& table = glb.json["extensions"]["EXT_structural_metadata"]["propertyTables"][0];
   EXPECT_EQ(table["count"], 3);
   const std::string names = glb.View(table["properties"]["name"]["values"]);
-  EXPECT_EQ(names, "ground</script>\"\\\\n\\xff roofunlabelled");
+  EXPECT_EQ(names, "ground</script>\"\\\n\\xff roofunlabelled");
   const std::string ends = glb.View(table["properties"]["name"]["stringOffsets"]);
   ASSERT_EQ(ends.size(), 16u);
   uint32_t last = 0;
@@ -233,6 +233,17 @@ TEST(Tiles3dFilesTest, HaveOneRootForTheFourSheetsAroundTheOrigin) {
   ExportedTerrain terrain(40, 2);
   ASSERT_EQ(terrain.sheets.size(), 4u);
   terrain.Write();
+  EXPECT_EQ(ReadTiles3d(terrain.path("result")).children.size(), 4u);
+}
+
+TEST(Tiles3dFilesTest, HaveTheColoursThatAreAskedFor) {
+  ExportedTerrain terrain(30, 2);
+  terrain.options.color = VertexColor::kDisplacement;
+  terrain.scene.gsd_m = 0.05;  // 0.25 m are half of the scale
+  terrain.Write();
+  const ReadTileGlb glb = ParseTiles3dGlb(*ReadFile(terrain.path("result/0_0/0.glb")));
+  EXPECT_THAT(glb.displacement, testing::Each(0.25f));
+  for (const auto& color : glb.colors) EXPECT_EQ(color, glb.colors[0]);
   EXPECT_EQ(ReadTiles3d(terrain.path("result")).children.size(), 4u);
 }
 
