@@ -113,10 +113,6 @@ Status CheckFormatNames(const ExportOptions& options, std::span<const ExportForm
 Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::span<const ExportFormat> formats) {
   Faults faults;
   faults.Add(CheckFormatNames(options, formats));
-  for (const std::string& name : options.formats) {
-    const ExportFormat* const format = FindExportFormat(name, formats);
-    if (format != nullptr && format->check != nullptr) faults.Add(format->check(options, scene));
-  }
   if (!(options.gsd_m >= 0) || !std::isfinite(options.gsd_m)) {
     faults.Add(absl::InvalidArgumentError(
         absl::StrCat("gsd: found ", options.gsd_m, ", expected a positive number of metres")));
@@ -126,7 +122,7 @@ Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::
   if (!faults.empty()) return faults.ToStatus();
   Status last;  // formats may refuse an option with the same words
   for (const std::string& name : options.formats) {
-    const ExportFormat& format = *FindExportFormat(name);
+    const ExportFormat& format = *FindExportFormat(name, formats);
     const Status status = format.check == nullptr ? absl::OkStatus() : format.check(options, scene);
     if (status != last) faults.Add(status);
     last = status;

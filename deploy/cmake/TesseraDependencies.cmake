@@ -34,6 +34,7 @@ find_library(GEOTIFF_LIBRARY geotiff REQUIRED)
 add_library(geotiff SHARED IMPORTED)
 set_target_properties(geotiff PROPERTIES IMPORTED_LOCATION ${GEOTIFF_LIBRARY}
   INTERFACE_INCLUDE_DIRECTORIES ${GEOTIFF_INCLUDE_DIR})
+find_package(meshoptimizer CONFIG REQUIRED)
 find_package(pugixml CONFIG REQUIRED)
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(xxhash REQUIRED IMPORTED_TARGET libxxhash)

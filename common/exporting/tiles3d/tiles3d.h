@@ -1,0 +1,31 @@
+// The export format 3dtiles: 3D Tiles 1.1 (OGC), a quadtree of GLB files.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "common/exporting/export_format.h"
+
+namespace tessera {
+
+// Numbers of triangles. Tests use small ones.
+struct Tiles3dSizes {
+  size_t leaf_faces = 60000;  // at most in a leaf
+  size_t node_faces = 24000;  // what the tiles above the leaves are simplified to, unless their border has more
+};
+
+// Writes result/X_Y/tileset.json with its GLB files, the same in start/ if the start is given, and kPartFile with the
+// coarsest meshes. Positions are east-north-up (GlobeMap). All errors of GlobeMap and of the disk.
+StatusOr<std::vector<std::string>> WriteTiles3dSheet(const SheetInput& input, const std::string& folder,
+                                                     const TaskControl& control);
+StatusOr<std::vector<std::string>> WriteTiles3dSheet(const SheetInput& input, const std::string& folder,
+                                                     const TaskControl& control, const Tiles3dSizes& sizes);
+
+// Writes result/tileset.json, which places the sheets on the globe, and result/upper/ with the levels above the sheets;
+// the same in start/ if sheets have it. Holds four coarsest meshes in memory.
+StatusOr<std::vector<std::string>> JoinTiles3d(const JoinInput& input, const std::string& folder,
+                                               const TaskControl& control);
+StatusOr<std::vector<std::string>> JoinTiles3d(const JoinInput& input, const std::string& folder,
+                                               const TaskControl& control, const Tiles3dSizes& sizes);
+
+}  // namespace tessera

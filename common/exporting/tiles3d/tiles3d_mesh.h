@@ -1,0 +1,68 @@
+// Meshes of tiles and their simplification.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "common/exporting/sheet.h"
+#include "common/geometry/mesh.h"
+
+namespace tessera {
+
+// Positions are multiples of this. A power of two: a float that is relative to a multiple of it is exact within 4,096
+// m, so that a vertex has the same position in all tiles that use it.
+inline constexpr double kTiles3dGrid_m = 0x1p-12;
+
+// Vertices that several tiles share.
+struct Tiles3dVertices {
+  std::vector<Eigen::Vector3d> positions;  // east-north-up, metres, multiples of kTiles3dGrid_m
+  std::vector<Eigen::Vector3f> normals;    // unit vectors, of the finest mesh
+  std::vector<float> confidence;           // in [0, 1]; empty: not known
+  std::vector<float> displacement_m;       // empty: not known
+  std::vector<Rgb> colors;                 // sRGB; empty: a vertex has the colour of its class
+};
+
+// Triangles over shared vertices.
+struct Tiles3dFaces {
+  std::vector<Triangle> corners;
+  std::vector<int32_t> labels;  // one a face; -1: none
+
+  void Add(const Triangle& face, int32_t label) {
+    corners.push_back(face);
+    labels.push_back(label);
+  }
+  void Append(const Tiles3dFaces& other);
+  size_t size() const { return corners.size(); }
+};
+
+// Faces with the vertices that they use.
+struct Tiles3dMesh {
+  Tiles3dVertices vertices;
+  Tiles3dFaces faces;
+  std::vector<uint32_t> vertex_of;  // per vertex: its index where it was taken from
+};
+Tiles3dMesh CompactTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces);
+
+// The same triangles over corners that are each of one class: a vertex where classes meet becomes one wedge a class.
+struct Tiles3dWedges {
+  std::vector<uint32_t> vertices;  // per wedge: its vertex
+  std::vector<int32_t> labels;     // per wedge
+  std::vector<Triangle> faces;     // indices of wedges
+};
+Tiles3dWedges MakeTiles3dWedges(const Tiles3dFaces& faces, size_t vertex_count);
+
+// Per vertex of the mesh: 1 if one of its edges has a face on one side only.
+std::vector<uint8_t> Tiles3dBorder(const Tiles3dFaces& faces, size_t vertex_count);
+
+// Collapses edges until about `target` faces are left (quadric error metric, Garland and Heckbert 1997, by
+// meshoptimizer). Vertices do not move. All edges with one face stay, so the result fits to its neighbours without
+// cracks. Borders of classes collapse along themselves; if too many faces remain that way, they are not kept, and each
+// face gets the class of the nearest face before. Deterministic.
+Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, size_t target);
+
+// The largest distance in metres of a vertex of `fine` to the surface `coarse`.
+double Tiles3dDistance(const Tiles3dVertices& vertices, const Tiles3dFaces& fine, const Tiles3dFaces& coarse);
+
+}  // namespace tessera

@@ -1,0 +1,28 @@
+// The coarsest mesh of a sheet, from which the levels above are made.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/exporting/tiles3d/tiles3d_mesh.h"
+
+namespace tessera {
+
+struct Tiles3dPart {
+  std::string set;  // "result" or "start"
+  Tiles3dMesh mesh;
+  Eigen::AlignedBox3d box;  // of all levels
+  double error_m = 0;       // largest distance of the finest mesh to `mesh`
+};
+
+// An array file; parts without faces are left out.
+Status WriteTiles3dParts(const std::string& path, const std::vector<Tiles3dPart>& parts);
+// The part `set` of the file; without faces if the file has none. DATA_LOSS if the file is damaged.
+StatusOr<Tiles3dPart> ReadTiles3dPart(const std::string& path, const std::string& set);
+
+// One mesh of several: vertices at equal positions on the borders become one.
+Tiles3dMesh MergeTiles3d(const std::vector<Tiles3dMesh>& meshes);
+
+}  // namespace tessera

@@ -1,0 +1,220 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "common/exporting/tiles3d/tiles3d_mesh.h"
+#include "common/exporting/tiles3d/tiles3d_part.h"
+#include "common/geometry/nearest_surface.h"
+#include "tests/unit/common/exporting/tiles3d_reader.h"
+
+namespace tessera {
+namespace {
+
+using TilePlace = std::array<double, 3>;  // compared bit for bit: there is no -0 and no NaN
+using TilePlaceEdges = std::map<std::array<TilePlace, 2>, int>;
+using TilePlaceFace = std::array<TilePlace, 3>;
+
+TilePlace TilePlaceOf(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
+
+// Directed edges without their opposites: the border of the mesh.
+TilePlaceEdges TileBorderEdges(const std::vector<TilePlaceFace>& faces) {
+  TilePlaceEdges edges;
+  const auto add = [&](const TilePlace& a, const TilePlace& b, int count) {
+    const auto it = edges.try_emplace({a, b}, 0).first;
+    if ((it->second += count) == 0) edges.erase(it);
+  };
+  for (const TilePlaceFace& face : faces) {
+    for (int k = 0; k < 3; ++k) {
+      const TilePlace &a = face[k], &b = face[(k + 1) % 3];
+      a < b ? add(a, b, 1) : add(b, a, -1);
+    }
+  }
+  return edges;
+}
+
+std::vector<TilePlaceFace> TileFacesOf(const TriangleMesh& mesh) {
+  std::vector<TilePlaceFace> faces;
+  for (const Triangle& f : mesh.faces) {
+    TilePlaceFace face = {TilePlaceOf(mesh.vertices[f[0]]), TilePlaceOf(mesh.vertices[f[1]]),
+                          TilePlaceOf(mesh.vertices[f[2]])};
+    std::rotate(face.begin(), std::min_element(face.begin(), face.end()), face.end());
+    faces.push_back(face);
+  }
+  return faces;
+}
+
+// Calls check(tile, its mesh, all leaf meshes below it) for every tile, and returns the leaf meshes.
+template <class Check>
+std::vector<TriangleMesh> VisitTiles(const ReadTile& tile, const Check& check) {
+  const TriangleMesh mesh = ParseTiles3dGlb(*ReadFile(tile.path)).mesh;
+  std::vector<TriangleMesh> leaves;
+  if (tile.is_leaf) leaves.push_back(mesh);
+  for (const ReadTile& child : tile.children) {
+    for (TriangleMesh& leaf : VisitTiles(child, check)) leaves.push_back(std::move(leaf));
+  }
+  check(tile, mesh, leaves);
+  return leaves;
+}
+
+TEST(Tiles3dLevelsTest, HaveNoCracksBetweenTilesOfAnyLevels) {
+  for (const uint64_t seed : {1, 2, 3}) {
+    ExportedTerrain terrain(90, seed);
+    terrain.Write();
+    int inner = 0;
+    VisitTiles(ReadTiles3d(terrain.path("result")),
+               [&](const ReadTile& tile, const TriangleMesh& mesh, const std::vector<TriangleMesh>& leaves) {
+                 std::vector<TilePlaceFace> finest;
+                 for (const TriangleMesh& leaf : leaves) {
+                   const std::vector<TilePlaceFace> faces = TileFacesOf(leaf);
+                   finest.insert(finest.end(), faces.begin(), faces.end());
+                 }
+                 // Every tile ends in the same edges as the finest tiles below it, so any two levels fit together.
+                 EXPECT_EQ(TileBorderEdges(TileFacesOf(mesh)), TileBorderEdges(finest)) << tile.path;
+                 if (!tile.is_leaf) ++inner;
+               });
+    EXPECT_GT(inner, 8);
+  }
+}
+
+TEST(Tiles3dLevelsTest, HaveEachFaceInOneLeafWithItsClass) {
+  ExportedTerrain terrain(70, 4);
+  terrain.Write();
+  const StatusOr<GlobeMap> globe = GlobeMap::Open(terrain.scene);
+  std::multiset<std::pair<TilePlaceFace, int32_t>> expected, found;
+  for (const auto& [id, sheet] : terrain.sheets) {
+    TriangleMesh mesh = {sheet.vertices, sheet.faces, {}};
+    ASSERT_TRUE(globe->EnuFromLocal(mesh.vertices).ok());
+    for (Eigen::Vector3d& p : mesh.vertices) p = (p * 4096).array().round() / 4096 + 0.0;
+    const std::vector<TilePlaceFace> faces = TileFacesOf(mesh);
+    for (size_t f = 0; f < faces.size(); ++f) {
+      const int32_t label = sheet.labels[f];
+      expected.insert({faces[f], label >= 0 && label < 4 ? label : 4});
+    }
+  }
+  VisitTiles(ReadTiles3d(terrain.path("result")), [&](const ReadTile& tile, const TriangleMesh& mesh, const auto&) {
+    if (!tile.is_leaf) return;
+    EXPECT_LE(mesh.faces.size(), terrain.sizes.leaf_faces);
+    const std::vector<TilePlaceFace> faces = TileFacesOf(mesh);
+    for (size_t f = 0; f < faces.size(); ++f) found.insert({faces[f], mesh.labels[f]});
+  });
+  EXPECT_EQ(found, expected);
+}
+
+TEST(Tiles3dLevelsTest, HaveErrorsThatAreNoLessThanTheMeasuredDistances) {
+  ExportedTerrain terrain(90, 5);
+  terrain.Write();
+  VisitTiles(ReadTiles3d(terrain.path("result")),
+             [&](const ReadTile& tile, const TriangleMesh& mesh, const std::vector<TriangleMesh>& leaves) {
+               if (tile.is_leaf) {
+                 EXPECT_EQ(tile.error_m, 0);
+                 return;
+               }
+               EXPECT_LT(tile.error_m, 20) << tile.path;
+               const NearestSurface surface(mesh);
+               double distance_m = 0;
+               for (const TriangleMesh& leaf : leaves) {
+                 for (const Eigen::Vector3d& p : leaf.vertices)
+                   distance_m = std::max(distance_m, surface.Find(p).distance_m);
+                 for (size_t f = 0; f < leaf.faces.size(); ++f) {
+                   distance_m = std::max(distance_m, surface.Find(MeshSpans(leaf).Centroid(f)).distance_m);
+                 }
+               }
+               EXPECT_GE(tile.error_m, distance_m) << tile.path;
+               for (const ReadTile& child : tile.children) EXPECT_GT(tile.error_m, child.error_m);
+             });
+}
+
+TEST(Tiles3dLevelsTest, LieInTheBoxesOfTheirParents) {
+  ExportedTerrain terrain(60, 6);
+  terrain.Write();
+  VisitTiles(ReadTiles3d(terrain.path("result")), [&](const ReadTile& tile, const TriangleMesh& mesh, const auto&) {
+    const Eigen::AlignedBox3d box(tile.box.min().array() - 1e-9, tile.box.max().array() + 1e-9);
+    for (const ReadTile& child : tile.children) EXPECT_TRUE(box.contains(child.box));
+    EXPECT_TRUE(
+        std::all_of(mesh.vertices.begin(), mesh.vertices.end(), [&](const auto& p) { return box.contains(p); }));
+  });
+}
+
+// A flat square of 2 `side` x `side` triangles with two classes.
+Tiles3dMesh FlatTiles3d(int side) {
+  Tiles3dMesh mesh;
+  for (int y = 0; y <= side; ++y) {
+    for (int x = 0; x <= side; ++x) mesh.vertices.positions.push_back({1.0 * x, 1.0 * y, 0});
+  }
+  mesh.vertices.normals.assign(mesh.vertices.positions.size(), Eigen::Vector3f::UnitZ());
+  for (uint32_t y = 0; y < static_cast<uint32_t>(side); ++y) {
+    for (uint32_t x = 0; x < static_cast<uint32_t>(side); ++x) {
+      const uint32_t v = y * (side + 1) + x, up = v + side + 1;
+      const int32_t label = x < static_cast<uint32_t>(side) / 2 ? 0 : 1;
+      mesh.faces.Add({v, v + 1, up + 1}, label);
+      mesh.faces.Add({v, up + 1, up}, label);
+    }
+  }
+  return mesh;
+}
+
+double TileAreaOfLabel(const Tiles3dMesh& mesh, const Tiles3dFaces& faces, int32_t label) {
+  double area = 0;
+  for (size_t f = 0; f < faces.size(); ++f) {
+    const auto& p = mesh.vertices.positions;
+    const Triangle& t = faces.corners[f];
+    if (faces.labels[f] == label) area += (p[t[1]] - p[t[0]]).cross(p[t[2]] - p[t[0]]).norm() / 2;
+  }
+  return area;
+}
+
+TEST(SimplifyTiles3dTest, KeepsTheBordersOfClassesAndTheDistance) {
+  const Tiles3dMesh mesh = FlatTiles3d(40);
+  const Tiles3dFaces simple = SimplifyTiles3d(mesh.vertices, mesh.faces, 400);
+  EXPECT_LE(simple.size(), 400u);
+  EXPECT_DOUBLE_EQ(TileAreaOfLabel(mesh, simple, 0), 800);
+  EXPECT_DOUBLE_EQ(TileAreaOfLabel(mesh, simple, 1), 800);
+  EXPECT_LT(Tiles3dDistance(mesh.vertices, mesh.faces, simple), 1e-9);
+}
+
+TEST(SimplifyTiles3dTest, GivesUpBordersOfClassesThatAreNoise) {
+  Tiles3dMesh mesh = FlatTiles3d(60);
+  Random random(1);
+  for (int32_t& label : mesh.faces.labels) label = static_cast<int32_t>(random.Below(3));
+  const Tiles3dFaces simple = SimplifyTiles3d(mesh.vertices, mesh.faces, 700);
+  EXPECT_LE(simple.size(), 1050u);
+  for (int32_t label = 0; label < 3; ++label) EXPECT_GT(TileAreaOfLabel(mesh, simple, label), 300);
+}
+
+TEST(SimplifyTiles3dTest, MeasuresTheDistanceOfAVertexThatIsLeftOut) {
+  Tiles3dMesh mesh = FlatTiles3d(2);
+  mesh.vertices.positions[4].z() = 0.5;
+  Tiles3dFaces flat;
+  flat.Add({0, 2, 8}, 0);
+  flat.Add({0, 8, 6}, 0);
+  EXPECT_DOUBLE_EQ(Tiles3dDistance(mesh.vertices, mesh.faces, flat), 0.5);
+}
+
+TEST(Tiles3dPartTest, IsReadAsItWasWrittenAndRefusedIfItIsDamaged) {
+  const TempFolder folder = *TempFolder::Create(testing::TempDir());
+  const std::string path = folder.path() + "/part";
+  Tiles3dPart part = {"start", FlatTiles3d(3), {Eigen::Vector3d(0, 0, -1), Eigen::Vector3d(3, 3, 1)}, 0.75};
+  part.mesh.vertices.colors.assign(16, Rgb{1, 2, 3});
+  ASSERT_TRUE(WriteTiles3dParts(path, {part}).ok());
+  const StatusOr<Tiles3dPart> read = ReadTiles3dPart(path, "start");
+  ASSERT_TRUE(read.ok()) << read.status();
+  EXPECT_EQ(read->mesh.vertices.positions, part.mesh.vertices.positions);
+  EXPECT_EQ(read->mesh.vertices.normals, part.mesh.vertices.normals);
+  EXPECT_EQ(read->mesh.vertices.colors, part.mesh.vertices.colors);
+  EXPECT_EQ(read->mesh.faces.corners, part.mesh.faces.corners);
+  EXPECT_EQ(read->mesh.faces.labels, part.mesh.faces.labels);
+  EXPECT_EQ(read->error_m, 0.75);
+  EXPECT_EQ(read->box.max(), part.box.max());
+  EXPECT_EQ(ReadTiles3dPart(path, "result")->mesh.faces.size(), 0u);
+  part.mesh.faces.corners[0][0] = 16;
+  ASSERT_TRUE(WriteTiles3dParts(path, {part}).ok());
+  EXPECT_EQ(ReadTiles3dPart(path, "start").status().code(), absl::StatusCode::kDataLoss);
+  part.mesh.faces.corners[0][0] = 0;
+  part.mesh.vertices.normals.pop_back();
+  ASSERT_TRUE(WriteTiles3dParts(path, {part}).ok());
+  EXPECT_EQ(ReadTiles3dPart(path, "start").status().code(), absl::StatusCode::kDataLoss);
+}
+
+}  // namespace
+}  // namespace tessera
