@@ -4,13 +4,13 @@ namespace tessera {
 
 std::string_view ReportStyle() {
   return R"css(
-:root { --paper:#ffffff; --card:#f5f7f9; --line:#dde3e8; --ink:#1b2530; --soft:#5b6875; --accent:#2f6db5; --pale:#b9d0ea;
-  --good:#1f7a4d; --warn:#8a5a00; --warn-card:#fff6e0; --bad:#a8202b; --bad-card:#fdecec; }
+:root { --paper:#ffffff; --card:#f5f7f9; --line:#dde3e8; --ink:#1b2530; --soft:#5b6875;
+  --accent:#2f6db5; --pale:#b9d0ea; --warn:#8a5a00; --warn-card:#fff6e0; --bad:#a8202b; --bad-card:#fdecec; }
 @media (prefers-color-scheme: dark) { :root { --paper:#12171d; --card:#1a2129; --line:#2d3742; --ink:#e6ebf0;
-  --soft:#9aa7b4; --accent:#6ea8ec; --pale:#2d4a6d; --good:#5cc48f; --warn:#f0c060; --warn-card:#2c2413; --bad:#ff8f8f;
+  --soft:#9aa7b4; --accent:#6ea8ec; --pale:#2d4a6d; --warn:#f0c060; --warn-card:#2c2413; --bad:#ff8f8f;
   --bad-card:#331a1c; } }
-@media print { :root { --paper:#ffffff; --card:#f7f8f9; --line:#d5dade; --ink:#000000; --soft:#4a545e; --accent:#2f6db5;
-  --pale:#b9d0ea; --good:#1f7a4d; --warn:#8a5a00; --warn-card:#fff6e0; --bad:#a8202b; --bad-card:#fdecec; } }
+@media print { :root { --paper:#ffffff; --card:#f7f8f9; --line:#d5dade; --ink:#000000; --soft:#4a545e;
+  --accent:#2f6db5; --pale:#b9d0ea; --warn:#8a5a00; --warn-card:#fff6e0; --bad:#a8202b; --bad-card:#fdecec; } }
 @page { size:A4; margin:14mm; }
 * { box-sizing:border-box; }
 html { -webkit-text-size-adjust:100%; print-color-adjust:exact; -webkit-print-color-adjust:exact; }
@@ -25,7 +25,8 @@ h3 { font-size:14px; margin:0 0 2px; font-weight:650; }
 p { margin:0 0 8px; }
 .sub { color:var(--soft); margin:0; }
 .soft { color:var(--soft); font-size:13px; }
-.note { border-left:4px solid var(--accent); background:var(--card); padding:10px 14px; border-radius:4px; margin:0 0 12px; }
+.note { border-left:4px solid var(--accent); background:var(--card); padding:10px 14px; border-radius:4px;
+  margin:0 0 12px; }
 .note.warn { border-color:var(--warn); background:var(--warn-card); }
 .note.bad { border-color:var(--bad); background:var(--bad-card); }
 .figures { display:grid; grid-template-columns:repeat(auto-fill,minmax(158px,1fr)); gap:10px; margin:0; }
@@ -39,11 +40,14 @@ figure img { display:block; width:100%; height:auto; border-radius:6px; border:1
 figcaption { color:var(--soft); font-size:13px; margin:5px 0 0; }
 figcaption b { color:var(--ink); font-weight:600; }
 .legend { display:flex; flex-wrap:wrap; gap:4px 16px; font-size:13px; margin:0 0 16px; padding:0; list-style:none; }
-.legend span { display:inline-block; width:12px; height:12px; border-radius:3px; margin-right:6px; vertical-align:-1px;
+.legend span { display:inline-block; width:12px; height:12px; border-radius:3px; margin-right:6px;
+  vertical-align:-1px;
   border:1px solid var(--line); }
 .scale { height:10px; border-radius:3px; margin:8px 0 2px; border:1px solid var(--line); }
-.ends { display:flex; justify-content:space-between; color:var(--soft); font-size:12px; font-variant-numeric:tabular-nums; }
-.plots { display:grid; grid-template-columns:repeat(auto-fit,minmax(min(100%,400px),1fr)); gap:22px 26px; align-items:start; }
+.ends { display:flex; justify-content:space-between; color:var(--soft); font-size:12px;
+  font-variant-numeric:tabular-nums; }
+.plots { display:grid; grid-template-columns:repeat(auto-fit,minmax(min(100%,400px),1fr)); gap:22px 26px;
+  align-items:start; }
 .plots figure { border-top:1px solid var(--line); padding-top:10px; }
 .plots figure > p { margin:0 0 6px; }
 svg { display:block; width:100%; max-width:560px; height:auto; font-family:inherit; font-size:12px; }
@@ -74,8 +78,10 @@ code { font:12.5px/1.5 ui-monospace,SFMono-Regular,Menlo,Consolas,monospace; bac
 footer { margin-top:36px; padding-top:12px; border-top:1px solid var(--line); color:var(--soft); font-size:12.5px; }
 @media (max-width:520px) { main { padding:20px 14px 32px; } h1 { font-size:24px; } body { font-size:14px; }
   .figures { grid-template-columns:repeat(2,minmax(0,1fr)); } th, td { padding-right:8px; } }
-@media print { main { max-width:none; padding:0; } .pair { grid-template-columns:1fr 1fr; } .plots { grid-template-columns:1fr 1fr; }
-  h2 { break-after:avoid; } .scroll { overflow:visible; } body { font-size:10.5pt; } .figures { grid-template-columns:repeat(5,1fr); }
+@media print { main { max-width:none; padding:0; } .pair { grid-template-columns:1fr 1fr; }
+  .plots { grid-template-columns:1fr 1fr; }
+  h2 { break-after:avoid; } .scroll { overflow:visible; } body { font-size:10.5pt; }
+  .figures { grid-template-columns:repeat(4,1fr); }
   .figures dd { font-size:12pt; } }
 )css";
 }

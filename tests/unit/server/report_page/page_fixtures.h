@@ -22,10 +22,12 @@ inline constexpr char kPageReport[] = R"({
     {"tile": 0, "faces": 117256, "views": 50, "labels_first": {"label_changes": 20942},
      "fit": {"patches": 2750, "above_chance_start": 0.95, "above_chance_result": 0.96},
      "rounds": [{"label_changes": 5816, "photo_energy_start": 0.0934, "photo_energy_end": 0.0871, "warped_pixels": 100},
-                {"label_changes": 1351, "photo_energy_start": 0.0872, "photo_energy_end": 0.0870, "warped_pixels": 90}]},
+                {"label_changes": 1351, "photo_energy_start": 0.0872, "photo_energy_end": 0.0870,
+                 "warped_pixels": 90}]},
     {"tile": 1, "faces": 133954, "views": 49, "quarantined": true, "labels_first": {"label_changes": 19538},
      "rounds": [{"label_changes": 4365, "photo_energy_start": 0.0921, "photo_energy_end": 0.0854, "warped_pixels": 300},
-                {"label_changes": 1508, "photo_energy_start": 0.0858, "photo_energy_end": 0.0852, "warped_pixels": 90}]}]
+                {"label_changes": 1508, "photo_energy_start": 0.0858, "photo_energy_end": 0.0852,
+                 "warped_pixels": 90}]}]
 })";
 
 inline constexpr char kPageJob[] = R"({
