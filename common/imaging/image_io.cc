@@ -108,8 +108,9 @@ Status ApplyMask(const std::string& path, const ImageSize& whole, const ImagePar
   return absl::OkStatus();
 }
 
-Status EncodeAndReplace(const std::string& path, const ByteImage& image, const std::string& extension,
-                        const std::vector<int>& parameters) {
+// `path`: for messages.
+StatusOr<Bytes> Encode(const std::string& path, const ByteImage& image, const std::string& extension,
+                       const std::vector<int>& parameters) {
   if (image.empty() || (image.channels != 1 && image.channels != 3)) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": cannot write an image of ", image.width, " x ",
                                                    image.height, " pixels and ", image.channels, " channels"));
@@ -127,6 +128,12 @@ Status EncodeAndReplace(const std::string& path, const ByteImage& image, const s
   } catch (const cv::Exception& error) {
     return absl::InternalError(absl::StrCat(path, ": cannot encode: ", error.err));
   }
+  return bytes;
+}
+
+Status EncodeAndReplace(const std::string& path, const ByteImage& image, const std::string& extension,
+                        const std::vector<int>& parameters) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, Encode(path, image, extension, parameters));
   return ReplaceFile(path, bytes);
 }
 
@@ -307,6 +314,10 @@ Status WritePng(const std::string& path, const ByteImage& image) { return Encode
 
 Status WriteJpeg(const std::string& path, const ByteImage& image, int quality) {
   return EncodeAndReplace(path, image, ".jpg", {cv::IMWRITE_JPEG_QUALITY, quality});
+}
+
+StatusOr<std::vector<uint8_t>> EncodeJpeg(const ByteImage& image, int quality) {
+  return Encode("picture", image, ".jpg", {cv::IMWRITE_JPEG_QUALITY, quality});
 }
 
 Status WriteLikelihoodTiff(const std::string& path, const ByteImage& pages) {

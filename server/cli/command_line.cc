@@ -22,6 +22,7 @@
 #include "server/client/local_cluster.h"
 #include "server/display/progress_display.h"
 #include "server/display/run_summary.h"
+#include "server/report_page/write_report_page.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
 
@@ -304,6 +305,13 @@ StatusOr<int> WatchJob(Connection& connection, const std::string& name,
 StatusOr<int> WatchJobWithProgress(Connection& connection, const std::string& job) {
   ProgressDisplay display(stderr);
   return WatchJob(connection, job, [&](const v1::WatchJobResponse& update) { display.Show(update); });
+}
+
+std::string WritePageOrWarn(const v1::Job& job, const std::string& out, const TaskControl& control) {
+  const StatusOr<std::string> path = WriteReportPage(job, out, TESSERA_VERSION, control);
+  if (path.ok()) return *path;
+  PrintWarnings(Warnings{absl::StrCat(kReportPageFile, " is not written: ", std::string(path.status().message()))});
+  return "";
 }
 
 int ReportError(const std::string& command, const Status& status) {

@@ -8,6 +8,7 @@
 #include "common/base/message_list.h"
 #include "common/base/printable.h"
 #include "common/base/status.h"
+#include "common/base/task_control.h"
 #include "common/rpc/channel.h"
 #include "server/settings/job_settings.h"
 
@@ -95,6 +96,10 @@ void PrintWarnings(const Warnings& warnings) {
     std::fprintf(stderr, "warning: %s\n", PrintableLines(warning).c_str());
   }
 }
+
+// Writes report.html for the result of `job` in `out` (WriteReportPage). Returns its path; empty, with a warning on
+// standard error, if it cannot be written: the result is complete without it.
+std::string WritePageOrWarn(const v1::Job& job, const std::string& out, const TaskControl& control = {});
 
 // Prints the error on standard error, with its line breaks, and returns its exit code.
 int ReportError(const std::string& command, const Status& status);

@@ -66,7 +66,10 @@ StatusOr<int> FetchResults(Connection& connection, const FetchFlags& flags) {
   TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> written,
                            FetchArtifacts(connection, job, out, out + "/.fetch", {}));
   for (const std::string& path : written) std::printf("%s\n", path.c_str());
-  if (flags.changed_since.empty()) return kExitOk;
+  if (flags.changed_since.empty()) {
+    if (const std::string page = WritePageOrWarn(job, out); !page.empty()) std::printf("%s\n", page.c_str());
+    return kExitOk;
+  }
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(changes_path, ChangesJson(base, job, changes)));
   const auto changed =
       std::count_if(changes.begin(), changes.end(), [](const auto& change) { return change.changed(); });
@@ -92,7 +95,10 @@ void AddFetchCommand(CLI::App& app, int* exit_code) {
   command->footer(
       "Checks every file against its hash. Files appear in OUT only when all are complete; an interrupted fetch "
       "resumes\n"
-      "when repeated. With --changed-since, downloads only tile meshes whose bytes differ from those of the other "
+      "when repeated. Then report.html shows the result as one page with pictures and plots, for any browser; the "
+      "start\n"
+      "mesh is among them if the job's scene can be read here.\n"
+      "With --changed-since, downloads only tile meshes whose bytes differ from those of the other "
       "job,\n"
       "and all JSON files, but not mesh.ply; changed.json lists the old and new SHA-256 of every tile mesh (null: no\n"
       "such file). A published job never changes: fetch an earlier job for an earlier state of the city.\n"
@@ -103,7 +109,7 @@ void AddFetchCommand(CLI::App& app, int* exit_code) {
   AddCoordinatorOption(*command, &flags->coordinator);
   command->add_option("JOB", flags->job, "The job's name or number")->required();
   CLI::Option* const out =
-      command->add_option("--out", flags->out, "Folder for mesh.ply, report.json and the other results");
+      command->add_option("--out", flags->out, "Folder for mesh.ply, report.json, report.html and the other results");
   command
       ->add_option("--changed-since", flags->changed_since,
                    "Download only tile meshes that differ from those of this job")

@@ -99,7 +99,9 @@ RunOutcome WaitForJob(LocalCluster& cluster, LocalJob& job, ProgressDisplay& dis
   return outcome;
 }
 
-int ReportOutcome(const RunOutcome& outcome, const Folders& folders, bool exports, double seconds) {
+// `report_page`: path of the written page; empty: none.
+int ReportOutcome(const RunOutcome& outcome, const Folders& folders, bool exports, const std::string& report_page,
+                  double seconds) {
   if (!outcome.status.ok()) {
     const int code = ReportError("run", outcome.status);
     PrintWarnings(outcome.warnings);
@@ -114,6 +116,7 @@ int ReportOutcome(const RunOutcome& outcome, const Folders& folders, bool export
   std::printf("time: %s\n", FormatDuration(seconds).c_str());
   std::printf("result: %s/mesh.ply\n", folders.out.c_str());
   if (exports) std::printf("exports: %s/%s\n", folders.out.c_str(), kExportFolder);
+  if (!report_page.empty()) std::printf("report: %s\n", report_page.c_str());
   return code == kExitOk && ResultIsWorse(folders.out) ? kExitPartial : code;
 }
 
@@ -159,8 +162,15 @@ StatusOr<int> Run(const RunFlags& flags) {
   if (outcome.state && outcome.state->job && outcome.state->job->state() == v1::JOB_STATE_SUCCEEDED) {
     TESSERA_RETURN_IF_ERROR(WriteRunResult(folders.state, {options.data_dir, outcome.state->job->name()}));
   }
+  std::string report_page;
+  if (outcome.status.ok() && outcome.state && HasResult(outcome.state->job->state())) {
+    TaskControl control;
+    control.cancelled = [] { return Interrupts() > 0; };
+    report_page = WritePageOrWarn(*outcome.state->job, folders.out, control);
+  }
   const bool exports = !flags.job.settings.exports.formats.empty();
-  return ReportOutcome(outcome, folders, exports, static_cast<double>(clock.MonotonicUs() - start_us) / 1e6);
+  return ReportOutcome(outcome, folders, exports, report_page,
+                       static_cast<double>(clock.MonotonicUs() - start_us) / 1e6);
 }
 
 }  // namespace
@@ -169,7 +179,8 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<RunFlags>();
   CLI::App* command = app.add_subcommand("run", "Refine a scene on this machine");
   command->footer(
-      "Starts a private coordinator and workers, runs the job, and writes mesh.ply, report.json and job.json to OUT.\n"
+      "Starts a private coordinator and workers, runs the job, and writes mesh.ply, report.json and job.json to OUT,\n"
+      "and report.html: the same as one page with pictures and plots, for any browser.\n"
       "Results appear in OUT only when all are complete. The folder OUT/.tessera keeps the output of every task and\n"
       "the logs: a run that is interrupted or repeated does not compute a task twice. It may be deleted unless a "
       "later\n"

@@ -46,7 +46,7 @@ class ObservabilityTest : public testing::Test {
 TEST_F(ObservabilityTest, MetricsAndTimelineMatchJobReport) {
   Cluster cluster(folder_.path(), 3, {"--metrics-listen", "127.0.0.1:0", "--no-shared-storage", "--json-logs"});
   FindMetrics(cluster);
-  const std::string hostile = "city\n{\"message\":\"audit\"}\x1b[2J";
+  const std::string hostile = "city\n{\"message\":\"audit\"}\x1b[2J<img src=x onerror=alert(1)>";
   const Outcome submitted = Tessera(
       folder_.path(), {"submit", ToyCity(), "--tiles", "4", "--name", hostile, "--coordinator", cluster.address()});
   ASSERT_EQ(submitted.output, "jobs/1\n");
@@ -75,6 +75,9 @@ TEST_F(ObservabilityTest, MetricsAndTimelineMatchJobReport) {
   ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
   const std::string out = cluster.Fetch(job.name());
   const json told = json::parse(Content(out + "/job.json"));
+  const std::string page = Content(out + "/report.html");
+  EXPECT_THAT(page, HasSubstr("\\x1b[2J&lt;img src=x onerror=alert(1)&gt;")) << "the job's name is text";
+  EXPECT_THAT(page, Not(HasSubstr("<img src=x")));
   const std::map<std::string, double> samples = Samples();
   const auto sample = [&](const std::string& name) {
     const auto found = samples.find(name);

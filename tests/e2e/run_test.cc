@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "server/client/job_text.h"
 #include "tests/e2e/programs.h"
 
 namespace tessera::e2e {
@@ -66,6 +67,18 @@ TEST_F(RunTest, UntiledIsOneRefineTask) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_EQ(AttemptsOf(out_ + "/job.json", "refine").size(), 1u);
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh())) << "four tiles give the same bytes";
+
+  // The page shows the figures of report.json, and pictures of the start and of the result.
+  EXPECT_THAT(outcome.output, HasSubstr("report: " + out_ + "/report.html"));
+  const auto report = nlohmann::json::parse(Content(out_ + "/report.json"));
+  const std::string page = Content(out_ + "/report.html");
+  for (const auto& count : {report["output"]["faces"], report["output"]["vertices"], report["label_changes"]}) {
+    EXPECT_THAT(page, HasSubstr("<dd>" + FormatThousands(count.get<int64_t>()) + "</dd>"));
+  }
+  for (const char* picture : {"Start", "Result", "Classes at the start", "Classes in the result", "Displacement"}) {
+    EXPECT_THAT(page, HasSubstr("alt=\"" + std::string(picture) + "\""));
+  }
+  EXPECT_LT(page.size(), size_t{5} << 20);
 }
 
 TEST_F(RunTest, RepeatedRunReusesAllTasks) {
