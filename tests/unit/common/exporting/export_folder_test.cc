@@ -211,7 +211,7 @@ TEST_F(ExportFolderTest, PhotographsAreThoseThatShowTheSheet) {
   const fs::path images = folder_ + "/scene/images";
   for (const auto& image : fs::directory_iterator(images)) fs::remove(image);
   request_.out = folder_ + "/other";
-  EXPECT_THAT(Message(), HasSubstr("images/"));
+  EXPECT_THAT(Message(), HasSubstr("images: found no files of 5 of the 5 images"));
   request_.options.formats = {"plain"};
   EXPECT_EQ(Export().status(), absl::OkStatus()) << "needs no photographs";
 }
