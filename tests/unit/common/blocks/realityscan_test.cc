@@ -182,7 +182,7 @@ TEST(RealityScanTest, TangentialTermsAreThoseOfItsHelp) {
 }
 
 TEST(RealityScanTest, FindsPhotographsInAnotherFolder) {
-  const std::string folder = FreshTestFolder("realityscan");
+  const std::string folder = AbsolutePath(FreshTestFolder("realityscan"));
   ImportedBlock truth = RealityScanTruth(LensModel::Kind::kPinhole);
   truth.images.resize(2);
   truth.points.clear();
@@ -285,7 +285,7 @@ TEST(RealityScanTest, ReportsEveryFaultOfTables) {
       RealityScanTableFaults(with(second + ",", name + ","), truth),
       ElementsAre(HasSubstr("line 3: found image images/a/IMG_100.jpg again, expected one line; line 2 has it")));
   EXPECT_THAT(RealityScanTableFaults(with(name, "elsewhere.jpg"), truth),
-              ElementsAre(HasSubstr("line 2: found no file elsewhere.jpg, expected the photograph")));
+              ElementsAre(HasSubstr("line 2: found no file elsewhere.jpg, expected one image file")));
   EXPECT_THAT(RealityScanTableFaults(absl::StrReplaceAll(old, {{"#cameras 9", "#cameras 10"}}), truth),
               ElementsAre("a.csv: found 9 images, expected 10, as #cameras says"));
   EXPECT_THAT(RealityScanTableFaults(text.substr(0, text.find('\n') + 1), truth), ElementsAre(HasSubstr("no images")));
