@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "common/storage/files.h"
 #include "tests/support/blocks/write_image_header.h"
 #include "tests/support/tiny_scene.h"
 
@@ -15,7 +16,7 @@ using testing::HasSubstr;
 class PhotographFilesTest : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = FreshTestFolder("photographs");
+    folder_ = AbsolutePath(FreshTestFolder("photographs"));
     block_ = folder_ + "/block";
     WriteText(folder_ + "/block.xml", "");
     WriteImageHeader(block_ + "/here.png", 30, 20);

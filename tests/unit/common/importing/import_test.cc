@@ -14,6 +14,7 @@
 #include "common/blocks/block_format.h"
 #include "common/geodesy/reference_system.h"
 #include "common/meshio/ply.h"
+#include "common/storage/files.h"
 #include "tests/support/blocks/write_blocks_exchange.h"
 #include "tests/support/blocks/write_metashape.h"
 #include "tests/support/blocks/write_openmvs.h"
@@ -36,7 +37,7 @@ constexpr char kUtm31[] =
 class ImportSceneTest : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = FreshTestFolder("import");
+    folder_ = AbsolutePath(FreshTestFolder("import"));
     TinySceneOptions options;
     options.tower = true;
     options.likelihoods = TinySceneOptions::Likelihoods::kNone;
