@@ -185,6 +185,7 @@ TEST(NearestSheetTest, ComparesDistancesBetweenSquaresThenPlaces) {
   EXPECT_EQ(NearestSheet({0, 0}, sheets), 3u) << "as near as (-3, 0), lower y";
   EXPECT_EQ(NearestSheet({1, 5}, {{0, 5}, {2, 5}, {1, 4}}), 2u) << "all touch: lowest y";
   EXPECT_EQ(NearestSheet({1, 5}, {{2, 5}, {0, 5}}), 1u) << "both touch: lowest x";
+  EXPECT_EQ(NearestSheet({1, 5}, {{0, 5}, {2, 5}}), 0u) << "whatever their order";
 }
 
 TEST_F(SheetSplitterTest, BadFacesAreErrors) {
