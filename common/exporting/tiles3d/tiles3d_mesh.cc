@@ -146,11 +146,13 @@ double Tiles3dDistance(const Tiles3dVertices& vertices, const Tiles3dFaces& fine
     for (const uint32_t v : face) done[v] = 1;
   }
   double distance_m = 0;
+  const auto measure = [&](const Eigen::Vector3d& p) { distance_m = std::max(distance_m, surface.Find(p).distance_m); };
   for (const Triangle& face : fine.corners) {
+    measure((vertices.positions[face[0]] + vertices.positions[face[1]] + vertices.positions[face[2]]) / 3);
     for (const uint32_t v : face) {
       if (done[v]) continue;
       done[v] = 1;
-      distance_m = std::max(distance_m, surface.Find(vertices.positions[v]).distance_m);
+      measure(vertices.positions[v]);
     }
   }
   return distance_m;

@@ -62,7 +62,7 @@ std::vector<uint8_t> Tiles3dBorder(const Tiles3dFaces& faces, size_t vertex_coun
 // face gets the class of the nearest face before. Deterministic.
 Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, size_t target);
 
-// The largest distance in metres of a vertex of `fine` to the surface `coarse`.
+// The largest distance in metres of a vertex or centroid of `fine` to the surface `coarse`.
 double Tiles3dDistance(const Tiles3dVertices& vertices, const Tiles3dFaces& fine, const Tiles3dFaces& coarse);
 
 }  // namespace tessera

@@ -253,7 +253,8 @@ TEST(Tiles3dFilesTest, FlagASheetWithQuarantinedTiles) {
   EXPECT_EQ(ReadTileJson(terrain.path("result/-1_0/tileset.json"))["extras"]["quarantined"], true);
   EXPECT_FALSE(ReadTileJson(terrain.path("result/0_0/tileset.json")).contains("extras"));
   int flagged = 0;
-  for (const auto& child : ReadTileJson(terrain.path("result/tileset.json"))["root"]["children"]) {
+  const nlohmann::json tileset = ReadTileJson(terrain.path("result/tileset.json"));
+  for (const auto& child : tileset["root"]["children"]) {
     if (!child.contains("extras")) continue;
     EXPECT_EQ(child["content"]["uri"], "-1_0/tileset.json");
     ++flagged;
