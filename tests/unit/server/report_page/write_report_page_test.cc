@@ -117,7 +117,7 @@ TEST(WriteReportPage, AStartMeshThatChangedIsNotShown) {
 
 TEST(WriteReportPage, AMeshThatCannotBeDrawnGivesAPageWithoutPictures) {
   const SmallResult result("report_page_damaged");
-  for (const std::string mesh :
+  for (const std::string& mesh :
        {std::string(), std::string("ply\nformat ascii 1.0\n"), AsciiPly(result.mesh, "double")}) {
     WriteText(result.out + "/mesh.ply", mesh);
     const pugi::xml_document document = ParsePage(result.Page());
