@@ -33,13 +33,13 @@ struct SheetInput {
   const ExportScene& scene;
   const ExportOptions& options;
   SheetId id;
-  Sheet sheet;                          // of the result; with colors if options.color is kImage
-  std::vector<Sheet> neighbours;        // of the result, up to eight, by y, then x
-  std::optional<Sheet> start;           // the same sheet of the start mesh, if it is known
-  std::vector<SceneView> views;         // that may show the sheet
-  std::vector<std::string> view_files;  // the path of each view's photograph
-  std::vector<std::string> mask_files;  // the path of each view's mask; empty: none
-  bool set_aside = false;               // some of its faces are of tiles whose refinement failed
+  Sheet sheet;                               // of the result; with colors if options.color is kImage
+  std::vector<Sheet> neighbours = {};        // of the result, up to eight, by y, then x
+  std::optional<Sheet> start = {};           // the same sheet of the start mesh, if it is known
+  std::vector<SceneView> views = {};         // that may show the sheet
+  std::vector<std::string> view_files = {};  // the path of each view's photograph
+  std::vector<std::string> mask_files = {};  // the path of each view's mask; empty: none
+  bool set_aside = false;                    // some of its faces are of tiles whose refinement failed
 };
 
 // All sheets, as the joining function of a format gets them.
@@ -52,8 +52,8 @@ struct JoinInput {
     std::string part_path;   // kPartFile of the sheet's task, if the row has parts
     bool set_aside = false;
   };
-  std::vector<Item> sheets;  // by y, then x
-  std::string changes_path;  // changes.geojson of an update's result, if the row asks for it; empty: there is none
+  std::vector<Item> sheets = {};  // by y, then x
+  std::string changes_path = {};  // changes.geojson of an update's result, if the row asks for it; empty: there is none
 };
 
 // A file that the function of a sheet writes for the joining function; it is not delivered.
