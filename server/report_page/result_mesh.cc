@@ -24,7 +24,7 @@ Status NoResultMesh(const std::string& path) {
 
 StatusOr<ResultMesh> ResultMesh::Open(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const auto source, ByteSource::Open(path));
-  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path, std::nullopt));
+  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path, MeshReadOptions()));
   ResultMesh mesh;
   if (header.format != PlyFormat::kBinaryLittleEndian || header.elements.size() != 2 ||
       header.elements[0].kind != PlyElementKind::kVertex || header.elements[1].kind != PlyElementKind::kFace) {
