@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 
+#include "absl/strings/str_cat.h"
 #include "common/exporting/export_parameters.h"
 #include "common/exporting/survey_sheets.h"
 #include "server/plan/graph.h"
@@ -173,7 +174,7 @@ std::map<std::string, std::string> KeysOf(const Planned& planned,
       const int producer = input.task.value() - static_cast<int>(Planned::kFirst);
       // Outputs of other stages are determined by the stage's key.
       const std::string made = producer > 0 ? of_task[producer] : content(InputName(input));
-      read += "\n" + InputName(input) + " " + Sha256Hex(made);
+      absl::StrAppend(&read, "\n", InputName(input), " ", Sha256Hex(made));
     }
     of_task.push_back(Sha256Hex(read));
     keys[task.name] = of_task.back();
@@ -212,16 +213,16 @@ TEST(ExportTasksTest, UnchangedSheetsKeepTheirKeysInAnUpdate) {
       if (after.at(name) != key) differ.insert(name);
     }
     EXPECT_TRUE(differ.contains("export split"));
-    EXPECT_TRUE(differ.contains("export plain " + SheetName(changed)));
+    EXPECT_TRUE(differ.contains(absl::StrCat("export plain ", SheetName(changed))));
     int far = 0;
     for (const SurveySheet& sheet : SheetsOf(large)) {
       const std::string name = SheetName(sheet.id);
       if (sheet.id == changed) continue;
-      EXPECT_FALSE(differ.contains("export plain " + name)) << name;
+      EXPECT_FALSE(differ.contains(absl::StrCat("export plain ", name))) << name;
       // A coloured neighbour of a neighbour.
       if (std::max(std::abs(sheet.id.x - changed.x), std::abs(sheet.id.y - changed.y)) <= 2) continue;
       ++far;
-      EXPECT_FALSE(differ.contains("export all " + name)) << name;
+      EXPECT_FALSE(differ.contains(absl::StrCat("export all ", name))) << name;
     }
     EXPECT_GT(far, 0);
   }

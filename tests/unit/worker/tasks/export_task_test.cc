@@ -7,6 +7,7 @@
 #include <map>
 
 #include "common/base/clock.h"
+#include "common/job/task_kinds.h"
 #include "common/job/task_parameters.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
