@@ -14,7 +14,7 @@ namespace {
 using Eigen::Vector3d, Eigen::Vector3f;
 
 constexpr int kSide = 2;  // samples per pixel along each axis
-constexpr int kOcclusionSamples = 12;
+constexpr int kOcclusionSamples = 10;
 constexpr float kSkyLight = 0.47f, kSunLight = 0.42f, kCameraLight = 0.18f;
 const Vector3f kBackground(0.925f, 0.938f, 0.95f);
 
@@ -22,6 +22,26 @@ PosedCamera Enlarged(PosedCamera camera) {
   PinholeCamera& k = camera.intrinsics;
   k = {kSide * k.width, kSide * k.height, kSide * k.fx, kSide * k.fy, kSide * k.cx, kSide * k.cy};
   return camera;
+}
+
+using DirectionsOfSample = std::array<Eigen::Vector2f, kOcclusionSamples>;
+
+// Where each of the samples of a pixel looks for occluders: three turns of a spiral in the unit circle, turned from
+// sample to sample.
+const std::array<DirectionsOfSample, kSide * kSide>& Directions() {
+  static const auto directions = [] {
+    std::array<DirectionsOfSample, kSide * kSide> all;
+    for (int s = 0; s < kSide * kSide; ++s) {
+      const float turn = static_cast<float>(s) / (kSide * kSide);
+      for (int i = 0; i < kOcclusionSamples; ++i) {
+        const float share = (static_cast<float>(i) + turn + 0.1f) / kOcclusionSamples;
+        const float angle = 2 * std::numbers::pi_v<float> * (3 * share + 0.25f * turn);
+        all[s][i] = share * Eigen::Vector2f(std::cos(angle), std::sin(angle));
+      }
+    }
+    return all;
+  }();
+  return directions;
 }
 
 }  // namespace
@@ -84,14 +104,10 @@ float MeshCanvas::Openness(int x, int y) const {
   const Sample& here = samples_[static_cast<size_t>(y) * k.width + x];
   const Vector3f point = PointAt(x, y, here.inverse_depth);
   const float radius_px = std::clamp(static_cast<float>(k.fx) * occlusion_range_m_ * here.inverse_depth, 4.0f, 120.0f);
-  // Each of the samples of a pixel looks into other directions.
-  const float turn = static_cast<float>((x % kSide) + kSide * (y % kSide)) / (kSide * kSide);
   float sum = 0;
-  for (int i = 0; i < kOcclusionSamples; ++i) {
-    const float share = (static_cast<float>(i) + turn + 0.1f) / kOcclusionSamples;
-    const float angle = 2 * std::numbers::pi_v<float> * (5 * share + 0.25f * turn);  // five turns of a spiral
-    const int to_x = x + static_cast<int>(std::lround(share * radius_px * std::cos(angle)));
-    const int to_y = y + static_cast<int>(std::lround(share * radius_px * std::sin(angle)));
+  for (const Eigen::Vector2f& direction : Directions()[(x % kSide) + kSide * (y % kSide)]) {
+    const int to_x = x + static_cast<int>(radius_px * direction.x()),
+              to_y = y + static_cast<int>(radius_px * direction.y());
     if (to_x < 0 || to_y < 0 || to_x >= k.width || to_y >= k.height) continue;
     const float inverse_depth = samples_[static_cast<size_t>(to_y) * k.width + to_x].inverse_depth;
     if (inverse_depth <= 0) continue;

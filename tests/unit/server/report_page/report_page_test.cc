@@ -79,7 +79,7 @@ TEST(ReportPage, ShowsFiguresOfReportAndJob) {
                              "62.5 %  (70.0 %)",
                              "4 s  (4)",
                              "200 MiB  (300)",
-                             "20,942",
+                             "28,109",
                              "40,480",  // plots
                              "0.0924",
                              "0.0858",
