@@ -94,6 +94,19 @@ TEST_F(ExportTest, VerticesHaveTheColorsAskedFor) {
   }
 }
 
+// gltf-validator, geotiff.js, and the schema of 3D Tiles.
+TEST_F(ExportTest, OtherProgramsReadTheFiles) {
+  if (!fs::exists(TESSERA_VALIDATORS "/node_modules")) {
+    GTEST_SKIP() << "tests/validators/install " TESSERA_VALIDATORS " has not installed the validators";
+  }
+  const Outcome exported = Export(result_, "3dtiles,classes,dsm,glb,ortho", {"--scene", ToyCity()});
+  ASSERT_EQ(exported.exit_code, 0) << exported.output;
+  const Outcome outcome =
+      Program(folder_.path(), "/usr/bin/env", {"node", TESSERA_VALIDATORS "/validate.mjs", out_}).Wait();
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr(": 0 faults"));
+}
+
 TEST_F(ExportTest, ChangesOfAnUpdateAreExported) {
   const std::string base = UndisturbedResult(Street(), {"--tiles", "8"});
   const std::string update = UndisturbedResult(NextFlight(), {}, base);
