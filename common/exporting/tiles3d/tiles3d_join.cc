@@ -13,6 +13,10 @@
 namespace tessera {
 namespace {
 
+// With more samples, the vertices of the level below take their place: memory and time stay bounded, and the error adds
+// up less often than at every level.
+constexpr size_t kTileSamples = 500000;
+
 // A tile of the level that is being merged, with the file of its mesh.
 struct UpperTile {
   SheetId id;  // in units of the level
@@ -78,20 +82,27 @@ class TileSetJoiner {
     UpperTile parent = {id, absl::StrCat(scratch_, "/", name), {}};
     parent.tile.uri = absl::StrCat("upper/", name, ".glb");
     std::vector<Tiles3dMesh> meshes;
+    Tiles3dPart part;
+    part.set = set_;
     for (UpperTile& child : children) {
-      TESSERA_ASSIGN_OR_RETURN(Tiles3dPart part, ReadTiles3dPart(child.part_path, set_));
-      meshes.push_back(std::move(part.mesh));
+      TESSERA_ASSIGN_OR_RETURN(Tiles3dPart read, ReadTiles3dPart(child.part_path, set_));
+      meshes.push_back(std::move(read.mesh));
+      part.samples.insert(part.samples.end(), read.samples.begin(), read.samples.end());
+      part.samples_error_m = std::max(part.samples_error_m, read.samples_error_m);
       parent.tile.box.extend(child.tile.box);
       parent.tile.error_m = std::max(parent.tile.error_m, child.tile.error_m);
       parent.tile.children.push_back(std::move(child.tile));
     }
-    Tiles3dPart part;
-    part.set = set_;
     part.mesh = MergeTiles3d(meshes);
     const Tiles3dVertices& vertices = part.mesh.vertices;
     const Tiles3dFaces faces = SimplifyTiles3d(vertices, part.mesh.faces, node_faces_);
+    if (part.samples.size() > kTileSamples) {
+      part.samples = vertices.positions;
+      part.samples_error_m = parent.tile.error_m;
+    }
     // The parent's error is larger, also where nothing was simplified.
-    parent.tile.error_m += std::max(Tiles3dDistance(vertices, part.mesh.faces, faces), kTiles3dGrid_m);
+    parent.tile.error_m = std::max(part.samples_error_m + Tiles3dDistance(part.samples, vertices, faces),
+                                   parent.tile.error_m + kTiles3dGrid_m);
     const bool photographic = input_.options.color == VertexColor::kImage && !vertices.colors.empty();
     files->push_back(absl::StrCat(set_, "/", parent.tile.uri));
     TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(folder_, "/", set_, "/upper")));

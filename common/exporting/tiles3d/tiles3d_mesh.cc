@@ -120,7 +120,9 @@ std::vector<uint8_t> Tiles3dBorder(const Tiles3dFaces& faces, size_t vertex_coun
   return border;
 }
 
-Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, size_t target) {
+Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, size_t inner_faces) {
+  const std::vector<uint8_t> border = Tiles3dBorder(faces, vertices.positions.size());
+  const size_t target = inner_faces + static_cast<size_t>(std::count(border.begin(), border.end(), 1));
   if (faces.size() <= target) return faces;
   Tiles3dFaces simple = SimplifyTiles3dWedges(vertices, MakeTiles3dWedges(faces, vertices.positions.size()), target);
   if (static_cast<double>(simple.size()) <= kTiles3dTooMany * static_cast<double>(target)) return simple;
@@ -138,23 +140,12 @@ Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces
   return simple;
 }
 
-double Tiles3dDistance(const Tiles3dVertices& vertices, const Tiles3dFaces& fine, const Tiles3dFaces& coarse) {
-  const TriangleMesh mesh = TileSurfaceOf(vertices, coarse);
+double Tiles3dDistance(const std::vector<Eigen::Vector3d>& points, const Tiles3dVertices& vertices,
+                       const Tiles3dFaces& faces) {
+  const TriangleMesh mesh = TileSurfaceOf(vertices, faces);
   const NearestSurface surface(mesh);
-  std::vector<uint8_t> done(vertices.positions.size(), 0);
-  for (const Triangle& face : coarse.corners) {
-    for (const uint32_t v : face) done[v] = 1;
-  }
   double distance_m = 0;
-  const auto measure = [&](const Eigen::Vector3d& p) { distance_m = std::max(distance_m, surface.Find(p).distance_m); };
-  for (const Triangle& face : fine.corners) {
-    measure((vertices.positions[face[0]] + vertices.positions[face[1]] + vertices.positions[face[2]]) / 3);
-    for (const uint32_t v : face) {
-      if (done[v]) continue;
-      done[v] = 1;
-      measure(vertices.positions[v]);
-    }
-  }
+  for (const Eigen::Vector3d& p : points) distance_m = std::max(distance_m, surface.Find(p).distance_m);
   return distance_m;
 }
 

@@ -56,13 +56,14 @@ Tiles3dWedges MakeTiles3dWedges(const Tiles3dFaces& faces, size_t vertex_count);
 // Per vertex of the mesh: 1 if one of its edges has a face on one side only.
 std::vector<uint8_t> Tiles3dBorder(const Tiles3dFaces& faces, size_t vertex_count);
 
-// Collapses edges until about `target` faces are left (quadric error metric, Garland and Heckbert 1997, by
-// meshoptimizer). Vertices do not move. All edges with one face stay, so the result fits to its neighbours without
-// cracks. Borders of classes collapse along themselves; if too many faces remain that way, they are not kept, and each
-// face gets the class of the nearest face before. Deterministic.
-Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, size_t target);
+// Collapses edges until about `inner_faces` faces and one for each border vertex are left (quadric error metric,
+// Garland and Heckbert 1997, by meshoptimizer). Vertices do not move. All edges with one face stay, so the result fits
+// to its neighbours without cracks. Borders of classes collapse along themselves; if too many faces remain that way,
+// they are not kept, and each face gets the class of the nearest face before. Deterministic.
+Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, size_t inner_faces);
 
-// The largest distance in metres of a vertex or centroid of `fine` to the surface `coarse`.
-double Tiles3dDistance(const Tiles3dVertices& vertices, const Tiles3dFaces& fine, const Tiles3dFaces& coarse);
+// The largest distance in metres of a point to the surface of the faces, which are at least one; 0 without points.
+double Tiles3dDistance(const std::vector<Eigen::Vector3d>& points, const Tiles3dVertices& vertices,
+                       const Tiles3dFaces& faces);
 
 }  // namespace tessera

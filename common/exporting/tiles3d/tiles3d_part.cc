@@ -50,7 +50,8 @@ Status WriteTiles3dParts(const std::string& path, const std::vector<Tiles3dPart>
     put("colors", FlatTiles3d<uint8_t>(vertices.colors));
     put("faces", FlatTiles3d<uint32_t>(part.mesh.faces.corners));
     put("labels", part.mesh.faces.labels);
-    std::vector<double> tile = {part.error_m};
+    put("samples", FlatTiles3d<double>(part.samples));
+    std::vector<double> tile = {part.error_m, part.samples_error_m};
     for (const Eigen::Vector3d& corner : {part.box.min(), part.box.max()})
       tile.insert(tile.end(), corner.begin(), corner.end());
     put("tile", std::move(tile));
@@ -71,9 +72,11 @@ StatusOr<Tiles3dPart> ReadTiles3dPart(const std::string& path, const std::string
   TESSERA_ASSIGN_OR_RETURN(vertices.colors, (TakeThrees<Rgb, uint8_t>(&file, set + ".colors")));
   TESSERA_ASSIGN_OR_RETURN(part.mesh.faces.corners, (TakeThrees<Triangle, uint32_t>(&file, set + ".faces")));
   TESSERA_ASSIGN_OR_RETURN(part.mesh.faces.labels, file.Take<int32_t>(set + ".labels"));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<double> tile, file.Take<double>(set + ".tile", 7));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<double> tile, file.Take<double>(set + ".tile", 8));
   part.error_m = tile[0];
-  part.box = {Eigen::Vector3d(tile[1], tile[2], tile[3]), Eigen::Vector3d(tile[4], tile[5], tile[6])};
+  part.samples_error_m = tile[1];
+  part.box = {Eigen::Vector3d(tile[2], tile[3], tile[4]), Eigen::Vector3d(tile[5], tile[6], tile[7])};
+  TESSERA_ASSIGN_OR_RETURN(part.samples, (TakeThrees<Eigen::Vector3d, double>(&file, set + ".samples")));
   const size_t count = vertices.positions.size();
   const auto fits = [&](size_t size) { return size == 0 || size == count; };
   if (vertices.normals.size() != count || !fits(vertices.confidence.size()) || !fits(vertices.displacement_m.size()) ||

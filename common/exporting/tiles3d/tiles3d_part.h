@@ -15,6 +15,9 @@ struct Tiles3dPart {
   Tiles3dMesh mesh;
   Eigen::AlignedBox3d box;  // of all levels
   double error_m = 0;       // largest distance of the finest mesh to `mesh`
+  // Points by which levels above measure their distance, and the largest distance of the finest mesh to them.
+  std::vector<Eigen::Vector3d> samples;
+  double samples_error_m = 0;
 };
 
 // An array file; parts without faces are left out.

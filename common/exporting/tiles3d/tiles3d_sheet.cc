@@ -22,9 +22,10 @@ constexpr int kTiles3dDepth = 24;
 constexpr double kTilesWhiteDisplacement_gsd = 10;
 
 struct TileNode {
-  Tiles3dFaces faces;         // of its content
-  std::vector<int> children;  // empty: a leaf
-  int height = 0;             // above the leaves
+  Tiles3dFaces faces;            // of its content
+  std::vector<int> children;     // empty: a leaf
+  int height = 0;                // above the leaves
+  std::vector<uint32_t> finest;  // vertices of the leaves below; those on their borders several times
   double error_m = 0;
   Eigen::AlignedBox3d box;
 };
@@ -168,6 +169,8 @@ class TileSetWriter {
     part.mesh = CompactTiles3d(vertices_, nodes.back().faces);
     part.box = root.box;
     part.error_m = root.error_m;
+    part.samples = part.mesh.vertices.positions;
+    part.samples_error_m = root.error_m;
     return part;
   }
 
@@ -179,17 +182,23 @@ class TileSetWriter {
     for (const int child : node.children) {
       TileNode& c = (*nodes)[child];
       fine.Append(c.faces);
+      node.finest.insert(node.finest.end(), c.finest.begin(), c.finest.end());
       c.faces = {};
+      c.finest = {};
       node.box.extend(c.box);
       node.error_m = std::max(node.error_m, c.error_m);
     }
     const Tiles3dMesh mesh = CompactTiles3d(vertices_, fine);
     for (const Eigen::Vector3d& p : mesh.vertices.positions) node.box.extend(p);
     Tiles3dFaces faces = mesh.faces;
-    if (!node.children.empty()) {
+    if (node.children.empty()) {
+      node.finest = mesh.vertex_of;
+    } else {
       faces = SimplifyTiles3d(mesh.vertices, mesh.faces, sizes_.node_faces);
+      std::vector<Eigen::Vector3d> points;
+      for (const uint32_t v : node.finest) points.push_back(vertices_.positions[v]);
       // The parent's error is larger, also where nothing was simplified.
-      node.error_m += std::max(Tiles3dDistance(mesh.vertices, mesh.faces, faces), kTiles3dGrid_m);
+      node.error_m = std::max(Tiles3dDistance(points, mesh.vertices, faces), node.error_m + kTiles3dGrid_m);
     }
     for (size_t f = 0; f < faces.size(); ++f) {
       const Triangle& face = faces.corners[f];

@@ -12,7 +12,7 @@ namespace tessera {
 
 struct Tiles3dTile {
   Eigen::AlignedBox3d box;   // of its content and its children, east-north-up
-  double error_m = 0;        // largest distance of the finest mesh to the content; 0: it is the finest
+  double error_m = 0;        // largest distance of a vertex of the finest mesh to the content; 0: it is the finest
   std::string uri;           // of the content, relative to tileset.json: a GLB file or the tileset of a sheet
   bool quarantined = false;  // some of its faces are of tiles whose refinement failed
   std::vector<Tiles3dTile> children;
