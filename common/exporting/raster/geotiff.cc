@@ -125,6 +125,8 @@ void SetSystemKeys(GTIF* keys, const RasterSystem& system, RasterContent content
     if (unit != 0) SetRasterShortKey(keys, ProjLinearUnitsGeoKey, unit);
   }
   if (content != RasterContent::kHeights || system.epsg == 0 || system.vertical_epsg == 0) return;
+  GTIFSetVersionNumbers(keys, GEOTIFF_SPEC_1_1_VERSION, GEOTIFF_SPEC_1_1_KEY_REVISION,
+                        GEOTIFF_SPEC_1_1_MINOR_REVISION);  // the first with EPSG's codes of vertical systems
   SetRasterShortKey(keys, VerticalCSTypeGeoKey, system.vertical_epsg);
   if (height_unit != 0) SetRasterShortKey(keys, VerticalUnitsGeoKey, height_unit);
 }

@@ -1,6 +1,7 @@
 #include "common/exporting/raster/raster_map.h"
 
 #include <proj.h>
+#include <proj_experimental.h>
 
 #include <algorithm>
 #include <cmath>
@@ -68,13 +69,18 @@ Status DescribeRasterSystem(const std::string& text, RasterSystem* system) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ProjContext> context, ProjContext::Make());
   pj_ctx* const c = context->get();
   const bool is_proj_string = absl::StrContains(text, "+proj=") || absl::StrContains(text, "+init=");
-  const ProjObject whole =
+  ProjObject whole =
       context->Create(is_proj_string && !absl::StrContains(text, "+type=") ? absl::StrCat(text, " +type=crs") : text);
   if (whole == nullptr) return absl::InternalError(absl::StrCat("PROJ: ", context->TakeMessage()));
-  ProjObject plan(proj_clone(c, whole.get())), vertical;
+  ProjObject plan, vertical;
   if (proj_get_type(whole.get()) == PJ_TYPE_COMPOUND_CRS) {
     plan.reset(proj_crs_get_sub_crs(c, whole.get(), 0));
     vertical.reset(proj_crs_get_sub_crs(c, whole.get(), 1));
+  } else {
+    // Readers of rasters expect a system of the plan, such as EPSG:4326 for EPSG:4979.
+    ProjObject flat(proj_crs_demote_to_2D(c, nullptr, whole.get()));
+    if (flat != nullptr) whole = std::move(flat);
+    plan.reset(proj_clone(c, whole.get()));
   }
   constexpr int kLargestGeoKey = 32766;
   const auto code = [&](const ProjObject& crs) {

@@ -133,6 +133,26 @@ TEST(DsmTest, HasTheUpOfALocalSceneWithAnotherUp) {
   EXPECT_FLOAT_EQ(image.At(column, row), static_cast<float>(RasterPlane(20.25, 30.25)));
 }
 
+// Scenes have metres, also where their system has feet; files have the system's units.
+TEST(DsmTest, HasTheUnitsOfItsSystem) {
+  Crs crs;
+  crs.kind = Crs::Kind::kProjected;
+  crs.epsg = 2263;  // New York, US survey feet
+  const ExportScene scene = RasterScene(crs, {300000, 60000, 0});
+  ReadRasterFile file = PlaneRaster(scene, "", "dsm");
+  EXPECT_EQ(file.keys[ProjectedCSTypeGeoKey], 2263);
+  EXPECT_EQ(file.keys[ProjLinearUnitsGeoKey], 9003);
+  const ReadRasterImage& image = file.images.at(0);
+  EXPECT_THAT(image.texts.at(42112), testing::HasSubstr(">US survey foot<"));
+  constexpr double kFoot_m = 1200.0 / 3937;
+  EXPECT_DOUBLE_EQ(image.numbers.at(33550)[0], 2);  // 1.64 feet are 0.5 m
+  const Eigen::Vector3d p = scene.frame.SceneFromLocal({20, 30, 0}) / kFoot_m;
+  const auto [column, row] = image.PixelAt(p.x(), p.y());
+  const Eigen::Vector2d centre = image.CentreOf(column, row) * kFoot_m;
+  const Eigen::Vector3d local = scene.frame.LocalFromScene({centre.x(), centre.y(), 0});
+  EXPECT_NEAR(image.At(column, row) * kFoot_m, RasterPlane(local.x(), local.y()), 1e-4);
+}
+
 TEST(DsmTest, HasTheTagsOfItsLayout) {
   const ReadRasterFile file = PlaneRaster(LocalRasterScene(), "", "dsm");
   ASSERT_EQ(file.images.size(), 5u);  // overviews of factors 2, 4, 8, 16
@@ -164,6 +184,7 @@ TEST(DsmTest, NamesItsSystemByCodes) {
   EXPECT_EQ(file.keys[ProjLinearUnitsGeoKey], 9001);
   EXPECT_EQ(file.keys[VerticalCSTypeGeoKey], 5773);
   EXPECT_EQ(file.keys[VerticalUnitsGeoKey], 9001);
+  EXPECT_EQ(file.minor_revision, 1);  // without it, GDAL ignores the vertical system
   file = PlaneRaster(EnuRasterScene(), "EPSG:32633+5773", "classes");
   EXPECT_EQ(file.keys[ProjectedCSTypeGeoKey], 32633);
   EXPECT_EQ(file.keys.count(VerticalCSTypeGeoKey), 0u);  // its pixels are no heights
@@ -171,6 +192,9 @@ TEST(DsmTest, NamesItsSystemByCodes) {
   EXPECT_EQ(file.keys[ProjectedCSTypeGeoKey], 32633);
   file = PlaneRaster(EnuRasterScene(), "EPSG:4326", "dsm");
   EXPECT_EQ(file.keys[GTModelTypeGeoKey], ModelTypeGeographic);
+  EXPECT_EQ(file.keys[GeographicTypeGeoKey], 4326);
+  EXPECT_EQ(file.minor_revision, 0);
+  file = PlaneRaster(EnuRasterScene(), "EPSG:4979", "dsm");  // three dimensions
   EXPECT_EQ(file.keys[GeographicTypeGeoKey], 4326);
 }
 

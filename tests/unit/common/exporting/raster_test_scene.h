@@ -165,6 +165,7 @@ inline ReadRasterImage ReadRasterPage(TIFF* tiff) {
 
 struct ReadRasterFile {
   std::vector<ReadRasterImage> images;   // the first, then overviews
+  int minor_revision = -1;               // of GeoTIFF: 1.0 or 1.1
   std::map<int, int> keys;               // GeoKeys with one number
   std::map<int, std::string> key_texts;  // GeoKeys with text
 };
@@ -178,6 +179,9 @@ inline ReadRasterFile ReadRaster(const std::string& path) {
     return file;
   }
   GTIF* const keys = GTIFNew(tiff);
+  int versions[3] = {};
+  GTIFDirectoryInfo(keys, versions, nullptr);
+  file.minor_revision = versions[2];
   for (const geokey_t key : {GTModelTypeGeoKey, GTRasterTypeGeoKey, GeographicTypeGeoKey, ProjectedCSTypeGeoKey,
                              ProjLinearUnitsGeoKey, VerticalCSTypeGeoKey, VerticalUnitsGeoKey}) {
     uint16_t value = 0;
