@@ -216,7 +216,7 @@ void AddExportOptions(CLI::App& command, ExportSettings* settings) {
   command
       .add_option_function<std::string>(
           "--materials", [settings](const std::string& by) { settings->class_materials = by == "class"; },
-          "obj: a material for each class")
+          "Write a material for each class (obj)")
       ->check(CLI::IsMember({"class"}))
       ->type_name("class")
       ->group(group);
