@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
+
 #include "common/storage/files.h"
 #include "tests/support/blocks/write_image_header.h"
 #include "tests/support/tiny_scene.h"
@@ -16,7 +18,7 @@ using testing::HasSubstr;
 class PhotographFilesTest : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = AbsolutePath(FreshTestFolder("photographs"));
+    folder_ = std::filesystem::path(FreshTestFolder("photographs")).lexically_normal();
     block_ = folder_ + "/block";
     WriteText(folder_ + "/block.xml", "");
     WriteImageHeader(block_ + "/here.png", 30, 20);

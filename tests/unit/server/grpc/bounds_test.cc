@@ -40,6 +40,7 @@ const std::map<std::string, Bound> kBounds = {
     {"Jobs/CancelJob", kOneJob},
     {"Jobs/ChangeJob", kOneJob},
     {"Jobs/RetryJob", kOneJob},
+    {"Jobs/ExportJob", kOneJob},
     {"Jobs/WatchJob", {1000, kOneJob.bytes + (64 << 10)}},  // running tasks, at most 64 KiB
     {"Jobs/ListTasks", kPages},
     {"Jobs/ListAttempts", kPages},
