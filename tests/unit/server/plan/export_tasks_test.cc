@@ -184,7 +184,6 @@ std::map<std::string, std::string> KeysOf(const Planned& planned,
 
 // An update adds a view to one cell: only the sheet of that cell, and those that read it, have other keys.
 TEST(ExportTasksTest, UnchangedSheetsKeepTheirKeysInAnUpdate) {
-  Pair pair(4);
   Survey large = SeenFromAbove(60);
   for (SurveyCell& cell : large.cells) cell.views = {0};
   Survey now = large;
@@ -197,13 +196,12 @@ TEST(ExportTasksTest, UnchangedSheetsKeepTheirKeysInAnUpdate) {
   FillViewDepths(&now);
   for (const VertexColor color : {VertexColor::kClass, VertexColor::kImage}) {
     const auto contents = [&](const Survey& survey, const std::string& round) {
-      return [&survey, &changed, round](const std::string& name) {
-        if (name == SheetFileName(changed) || name == kMeshFile) return name + round;
-        for (const SurveySheet& sheet : SheetsOf(survey)) {
-          if (name == SheetViewsFileName(sheet.id)) return SheetViewsToJson(WithoutNames(survey), sheet);
-        }
-        return name;
-      };
+      std::map<std::string, std::string> of_name = {{SheetFileName(changed), round}, {kMeshFile, round}};
+      const Survey plain = WithoutNames(survey);
+      for (const SurveySheet& sheet : SheetsOf(plain)) {
+        of_name[SheetViewsFileName(sheet.id)] = SheetViewsToJson(plain, sheet);
+      }
+      return [of_name](const std::string& name) { return of_name.contains(name) ? of_name.at(name) : name; };
     };
     const auto before = KeysOf(Planned(large, color), contents(large, " before"));
     const auto after = KeysOf(Planned(now, color), contents(now, " after"));
