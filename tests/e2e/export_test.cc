@@ -130,7 +130,7 @@ TEST_F(ExportTest, BadInputIsRefusedBeforeWork) {
           AllOf(HasSubstr("3dtilez"), HasSubstr("999999"), HasSubstr("changes.geojson")));
   refused(Export(ToyCity(), "changes"), 3, HasSubstr("frame: found no such file"));
   refused(Export(folder_.path(), "changes"), 3, HasSubstr("no file mesh.ply"));
-  refused(Export("jobs/1", "changes"), 3, HasSubstr("jobs/1"));
+  refused(Export("jobs/1", "changes", {"--scene", ToyCity()}), 3, HasSubstr("--scene: found"));
   refused(Export(result_, "changes", {"--color", "purple"}), 2, HasSubstr("purple"));
   refused(Tessera(folder_.path(), {"export", result_, "--out", out_}), 2, HasSubstr("--to"));
 }
