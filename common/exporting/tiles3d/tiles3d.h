@@ -11,7 +11,7 @@ namespace tessera {
 // Numbers of triangles. Tests use small ones.
 struct Tiles3dSizes {
   size_t leaf_faces = 60000;  // at most in a leaf
-  size_t node_faces = 24000;  // to which tiles above the leaves are simplified, besides one for each border vertex
+  size_t node_faces = 16000;  // to which tiles above the leaves are simplified, besides one for each border vertex
 };
 
 // Writes result/X_Y/tileset.json with its GLB files, the same in start/ if the start is given, and kPartFile with the
