@@ -1,9 +1,11 @@
 #include "common/exporting/export_map.h"
 
+#include <array>
 #include <cmath>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "common/geodesy/reference_system.h"
 #include "common/scene/scene_json.h"
 
@@ -51,6 +53,19 @@ Status ExportMap::ToLocal(std::span<Eigen::Vector3d> points) const {
   if (map_) TESSERA_RETURN_IF_ERROR(map_->SceneFromSource(points));
   for (Eigen::Vector3d& p : points) p = frame_.LocalFromScene(p);
   return absl::OkStatus();
+}
+
+StatusOr<Eigen::AlignedBox3d> ExportMap::BoxFromLocal(const Eigen::AlignedBox3d& box, const std::string& what) const {
+  std::array<Eigen::Vector3d, 8> corners;
+  for (int k = 0; k < 8; ++k) corners[k] = box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k));
+  const Status mapped = FromLocal(corners);
+  if (!mapped.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(what, ": ", std::string(mapped.message()), ": the system does not cover it: choose another one"));
+  }
+  Eigen::AlignedBox3d image;
+  for (const Eigen::Vector3d& p : corners) image.extend(p);
+  return image;
 }
 
 StatusOr<GlobeMap> GlobeMap::Open(const ExportScene& scene) {

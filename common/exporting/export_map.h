@@ -25,6 +25,9 @@ class ExportMap {
   // height, in its units), without an offset, and back. INVALID_ARGUMENT names a point without image.
   Status FromLocal(std::span<Eigen::Vector3d> points) const;
   Status ToLocal(std::span<Eigen::Vector3d> points) const;
+  // The box around the images of the corners of `box`. INVALID_ARGUMENT that names `what`, the content of the box, if
+  // the system does not cover it.
+  StatusOr<Eigen::AlignedBox3d> BoxFromLocal(const Eigen::AlignedBox3d& box, const std::string& what) const;
 
   // The system as text (EPSG:32633+5773, ENU:LAT,LON,H); empty: the scene's local coordinates.
   const std::string& crs() const { return crs_; }

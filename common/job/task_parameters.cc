@@ -215,7 +215,7 @@ static void to_json(json& j, const PublishParameters& p) {
   if (!p.view_names.empty()) j["view_names"] = p.view_names;
   if (!p.kept.empty()) j["kept"] = p.kept;
   if (!p.fit.empty()) j["fit"] = p.fit;
-  if (!p.source.empty()) j["source"] = p.source;
+  j["source"] = p.source;  // also empty: the reports of results stored before have no frame
   if (p.outdated) j["outdated"] = true;
   if (!p.quarantined.empty()) j["set_aside"] = p.quarantined;
   if (p.flip_edges) j["flip_edges"] = true;

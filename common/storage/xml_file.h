@@ -19,6 +19,10 @@ namespace tessera {
 inline constexpr int64_t kMaxXmlBytes = int64_t{2} << 30;
 inline constexpr int kMaxXmlDepth = 64;  // nested elements
 
+// `text` as content of an element or value of an attribute of XML or HTML. Control characters and bytes that are not
+// UTF-8 are escaped as in Printable.
+std::string EscapeMarkup(std::string_view text);
+
 struct XmlDocument;
 
 // An element of an XmlFile, which must outlive it, or no element. Functions of no element return no element, no

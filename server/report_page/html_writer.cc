@@ -4,6 +4,7 @@
 #include <array>
 
 #include "common/base/printable.h"
+#include "common/storage/xml_file.h"
 
 namespace tessera {
 namespace {
@@ -16,38 +17,11 @@ bool IsIn(const auto& names, std::string_view name) {
   return std::find(names.begin(), names.end(), name) != names.end();
 }
 
-// The only function that takes text from outside into markup.
-std::string EscapeHtml(std::string_view text) {
-  std::string escaped;
-  for (const char c : Printable(text)) {
-    switch (c) {
-      case '&':
-        escaped += "&amp;";
-        break;
-      case '<':
-        escaped += "&lt;";
-        break;
-      case '>':
-        escaped += "&gt;";
-        break;
-      case '"':
-        escaped += "&quot;";
-        break;
-      case '\'':
-        escaped += "&#39;";
-        break;
-      default:
-        escaped += c;
-    }
-  }
-  return escaped;
-}
-
 }  // namespace
 
 Html HtmlText(std::string_view text) {
   Html html;
-  html.markup_ = EscapeHtml(Prefix(text, kMaxTextBytes));
+  html.markup_ = EscapeMarkup(Prefix(text, kMaxTextBytes));
   if (text.size() > kMaxTextBytes) html.markup_ += " \xe2\x80\xa6";  // an ellipsis
   return html;
 }
@@ -57,7 +31,7 @@ Html HtmlElement(std::string_view name, const HtmlAttributes& attributes, const 
   std::string& to = html.markup_;
   to.append("<").append(name);
   for (const auto& [key, value] : attributes) {
-    to.append(" ").append(key).append("=\"").append(EscapeHtml(value)).append("\"");
+    to.append(" ").append(key).append("=\"").append(EscapeMarkup(value)).append("\"");
   }
   if (IsIn(kVoidElements, name)) {
     to.append("/>");

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <map>
 #include <optional>
-#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "common/base/printable.h"
@@ -63,12 +62,7 @@ Status CheckExports(const JobSettings& settings, const Survey& survey) {
   }
   Faults faults;
   for (const auto& [id, box] : boxes) {
-    std::vector<Eigen::Vector3d> corners;
-    for (int k = 0; k < 8; ++k) corners.push_back(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)));
-    const Status mapped = map.FromLocal(corners);
-    if (mapped.ok()) continue;
-    faults.Add(absl::InvalidArgumentError(absl::StrCat("sheet ", SheetName(id), ": ", std::string(mapped.message()),
-                                                       ": the system does not cover it: choose another one")));
+    faults.Add(map.BoxFromLocal(box, absl::StrCat("sheet ", SheetName(id))).status());
   }
   return faults.ToStatus();
 }

@@ -219,18 +219,10 @@ class FolderExport {
     warnings_.insert(warnings_.end(), map.warnings().begin(), map.warnings().end());
     Faults faults;
     for (const SheetEntry& sheet : sheets_) {
-      std::vector<Eigen::Vector3d> corners;
-      for (int k = 0; k < 8; ++k) {
-        corners.push_back(sheet.box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)));
-      }
-      const Status mapped = map.FromLocal(corners);
-      if (!mapped.ok()) {
-        faults.Add(
-            absl::InvalidArgumentError(absl::StrCat("sheet ", SheetName(sheet.id), ": ", std::string(mapped.message()),
-                                                    ": the system does not cover it: choose another with --crs")));
-      }
-      Eigen::AlignedBox3d& box = boxes_.emplace_back();
-      for (const Eigen::Vector3d& p : corners) box.extend(p);
+      const StatusOr<Eigen::AlignedBox3d> box =
+          map.BoxFromLocal(sheet.box, absl::StrCat("sheet ", SheetName(sheet.id)));
+      faults.Add(box.status());
+      if (box.ok()) boxes_.push_back(*box);
     }
     return faults.ToStatus();
   }

@@ -16,6 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/exporting/color/vertex_colors.h"
 #include "common/exporting/export_map.h"
+#include "common/exporting/gltf_conventions.h"
 #include "common/exporting/mesh_files/clustered_mesh.h"
 #include "common/exporting/mesh_files/welded_vertices.h"
 #include "common/storage/files.h"
@@ -29,19 +30,7 @@ static_assert(std::endian::native == std::endian::little);
 
 constexpr char kGlbName[] = "mesh.glb";
 
-// Constants of glTF 2.0.
-constexpr int kGlbFloat = 5126, kGlbUnsignedShort = 5123, kGlbUnsignedInt = 5125;
-constexpr int kGlbArrayBuffer = 34962, kGlbElementArrayBuffer = 34963;
-
-// Linear light in [0, 1] of an sRGB value (IEC 61966-2-1); glTF's colours are linear.
-double GlbLinearOf(uint8_t srgb) {
-  const double value = srgb / 255.0;
-  return value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4);
-}
-
 nlohmann::json GlbJson(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
-
-Eigen::Vector3d GlbYUp(const Eigen::Vector3d& p) { return {p.x(), p.z(), -p.y()}; }
 
 Status ForEachGlbPart(const JoinInput& input, const TaskControl& control,
                       const std::function<Status(size_t, const Sheet&)>& visit) {
@@ -107,7 +96,7 @@ StatusOr<nlohmann::json> GlbExtras(const JoinInput& input) {
   TESSERA_RETURN_IF_ERROR(globe.EnuFromLocal({&position, 1}));
   TESSERA_RETURN_IF_ERROR(map.FromLocal({&coordinates, 1}));
   extras["crs"] = map.crs();
-  extras["reference_point"] = {{"position", GlbJson(GlbYUp(position))}, {"coordinates", GlbJson(coordinates)}};
+  extras["reference_point"] = {{"position", GlbJson(GltfFromEnu(position))}, {"coordinates", GlbJson(coordinates)}};
   nlohmann::json legend = nlohmann::json::array();
   for (const LegendEntry& entry : ColorLegend(scene, input.options.color)) {
     legend.push_back({{"name", entry.name}, {"color", entry.color}});
@@ -130,7 +119,7 @@ class GlbWriter {
     if (!box.isEmpty()) centre_ = box.center().array().round();
     positions_.reserve(3 * mesh.vertices.size());
     for (const Eigen::Vector3d& p : mesh.vertices) {
-      const Eigen::Vector3f q = GlbYUp(p - centre_).cast<float>();
+      const Eigen::Vector3f q = GltfFromEnu<double>(p - centre_).cast<float>();
       positions_.insert(positions_.end(), {q.x(), q.y(), q.z()});
     }
     for (size_t f = 0; f < mesh.faces.size(); ++f) faces_of_[mesh.labels[f]].push_back(static_cast<uint32_t>(f));
@@ -146,17 +135,17 @@ class GlbWriter {
     NewFile file(temporary);
     const auto add = [&file](uint32_t value) { file.Add(&value, sizeof(value)); };
     for (const uint64_t value :
-         {uint64_t{0x46546c67}, uint64_t{2}, size, uint64_t{json.size()}, uint64_t{0x4e4f534a}}) {
+         {uint64_t{kGlbMagic}, uint64_t{2}, size, uint64_t{json.size()}, uint64_t{kGlbJsonChunk}}) {
       add(static_cast<uint32_t>(value));
     }
     file.Add(json);
     if (bytes() > 0) {
       add(static_cast<uint32_t>(bytes()));
-      add(0x004e4942);
+      add(kGlbBinaryChunk);
       file.Add(positions_.data(), 4 * positions_.size());
       for (const Rgb& color : mesh_.colors) {
         std::array<uint16_t, 4> linear = {0, 0, 0, 65535};
-        for (int c = 0; c < 3; ++c) linear[c] = static_cast<uint16_t>(std::lround(65535 * GlbLinearOf(color[c])));
+        for (int c = 0; c < 3; ++c) linear[c] = LinearLight16(color[c]);
         file.Add(linear.data(), sizeof(linear));
       }
       for (const auto& [label, faces] : faces_of_) {
@@ -177,7 +166,7 @@ class GlbWriter {
     std::array<double, 4> color = {1, 1, 1, 1};
     if (mesh_.colors.empty()) {
       const Rgb rgb = ClassColor(input_.scene, label);
-      for (int c = 0; c < 3; ++c) color[c] = GlbLinearOf(rgb[c]);
+      for (int c = 0; c < 3; ++c) color[c] = LinearLight(rgb[c]);
     }
     nlohmann::json material = {
         {"name", is_class ? input_.scene.classes[label].name : "unlabelled"},
@@ -199,10 +188,10 @@ class GlbWriter {
     Eigen::AlignedBox3f box;
     for (size_t v = 0; v < vertices; ++v) box.extend(Eigen::Vector3f::Map(&positions_[3 * v]));
     nlohmann::json views = nlohmann::json::array();
-    views.push_back({{"buffer", 0}, {"byteLength", 12 * vertices}, {"target", kGlbArrayBuffer}});
+    views.push_back({{"buffer", 0}, {"byteLength", 12 * vertices}, {"target", kGltfArrayBuffer}});
     nlohmann::json accessors = nlohmann::json::array();
     accessors.push_back({{"bufferView", 0},
-                         {"componentType", kGlbFloat},
+                         {"componentType", kGltfFloat},
                          {"count", vertices},
                          {"type", "VEC3"},
                          {"min", GlbJson(box.min().cast<double>())},
@@ -214,9 +203,9 @@ class GlbWriter {
                        {"byteOffset", offset},
                        {"byteLength", 8 * vertices},
                        {"byteStride", 8},
-                       {"target", kGlbArrayBuffer}});
+                       {"target", kGltfArrayBuffer}});
       accessors.push_back({{"bufferView", 1},
-                           {"componentType", kGlbUnsignedShort},
+                           {"componentType", kGltfUint16},
                            {"normalized", true},
                            {"count", vertices},
                            {"type", "VEC4"}});
@@ -224,10 +213,8 @@ class GlbWriter {
       offset += 8 * vertices;
     }
     const size_t index_view = views.size();
-    views.push_back({{"buffer", 0},
-                     {"byteOffset", offset},
-                     {"byteLength", 12 * mesh_.faces.size()},
-                     {"target", kGlbElementArrayBuffer}});
+    views.push_back(
+        {{"buffer", 0}, {"byteOffset", offset}, {"byteLength", 12 * mesh_.faces.size()}, {"target", kGltfIndexBuffer}});
     nlohmann::json primitives = nlohmann::json::array(), materials = nlohmann::json::array();
     uint64_t index_offset = 0;
     for (const auto& [label, faces] : faces_of_) {
@@ -236,14 +223,14 @@ class GlbWriter {
       materials.push_back(MaterialOf(label));
       accessors.push_back({{"bufferView", index_view},
                            {"byteOffset", index_offset},
-                           {"componentType", kGlbUnsignedInt},
+                           {"componentType", kGltfUint32},
                            {"count", 3 * faces.size()},
                            {"type", "SCALAR"}});
       index_offset += 12 * faces.size();
     }
     if (input_.options.color == VertexColor::kImage) gltf["extensionsUsed"].push_back("KHR_materials_unlit");
     gltf["scenes"][0]["nodes"].push_back(0);
-    gltf["nodes"].push_back({{"name", "mesh"}, {"mesh", 0}, {"translation", GlbJson(GlbYUp(centre_))}});
+    gltf["nodes"].push_back({{"name", "mesh"}, {"mesh", 0}, {"translation", GlbJson(GltfFromEnu(centre_))}});
     gltf["meshes"].push_back({{"primitives", primitives}});
     gltf["materials"] = materials;
     gltf["accessors"] = accessors;

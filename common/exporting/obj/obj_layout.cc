@@ -10,6 +10,7 @@
 #include "absl/strings/str_split.h"
 #include "common/base/printable.h"
 #include "common/scene/scene_json.h"
+#include "common/storage/xml_file.h"
 
 namespace tessera {
 namespace {
@@ -30,23 +31,11 @@ std::string ObjNumber(double value) {
   return std::string(text, end.ptr);
 }
 
-// Control characters are not allowed in XML.
-std::string ObjXmlText(const std::string& text) {
-  std::string escaped;
-  for (const char c : text) {
-    if (c == '&') {
-      escaped += "&amp;";
-    } else if (c == '<') {
-      escaped += "&lt;";
-    } else if (c == '>') {
-      escaped += "&gt;";
-    } else if (static_cast<unsigned char>(c) >= ' ' && c != '\x7f') {
-      escaped += c;
-    } else {
-      escaped += ' ';
-    }
-  }
-  return escaped;
+// A system may be text of several lines.
+std::string OnOneLine(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < ' '; }, ' ');
+  return text;
 }
 
 // The system of a scene's coordinates as text; empty: local, or heights differ from those of the system by a number.
@@ -120,7 +109,7 @@ std::string ObjMetadata(const ExportMap& map, const Eigen::Vector3d& offset) {
   const bool has_system = !map.crs().empty() && map.crs() != "local";
   if (!has_system && offset.isZero(0)) return "";
   std::string text = "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<ModelMetadata version=\"1\">\n";
-  if (has_system) absl::StrAppend(&text, "  <SRS>", ObjXmlText(map.crs()), "</SRS>\n");
+  if (has_system) absl::StrAppend(&text, "  <SRS>", EscapeMarkup(OnOneLine(map.crs())), "</SRS>\n");
   absl::StrAppend(&text, "  <SRSOrigin>", ObjNumber(offset.x()), ",", ObjNumber(offset.y()), ",", ObjNumber(offset.z()),
                   "</SRSOrigin>\n</ModelMetadata>\n");
   return text;

@@ -18,6 +18,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/base/printable.h"
+#include "common/storage/xml_file.h"
 
 namespace tessera {
 namespace {
@@ -146,7 +147,7 @@ Status SetPlaceTags(TIFF* tiff, RasterContent content, const GeoTiffPlace& place
 
 std::string MetadataItem(const std::string& name, const std::string& role, const std::string& text, bool of_band) {
   return absl::StrCat("<Item name=\"", name, "\"", of_band ? " sample=\"0\"" : "", role.empty() ? "" : " role=\"", role,
-                      role.empty() ? "" : "\"", ">", RasterXmlText(text), "</Item>");
+                      role.empty() ? "" : "\"", ">", EscapeMarkup(text), "</Item>");
 }
 
 // GDAL's metadata.
@@ -241,32 +242,6 @@ std::string RasterUnitName(double unit_m) {
     default:
       return absl::StrFormat("%.10g m", unit_m);
   }
-}
-
-std::string RasterXmlText(const std::string& text) {
-  std::string xml;
-  for (const char c : Printable(text)) {
-    switch (c) {
-      case '&':
-        xml += "&amp;";
-        break;
-      case '<':
-        xml += "&lt;";
-        break;
-      case '>':
-        xml += "&gt;";
-        break;
-      case '"':
-        xml += "&quot;";
-        break;
-      case '\'':
-        xml += "&apos;";
-        break;
-      default:
-        xml += c;
-    }
-  }
-  return xml;
 }
 
 StatusOr<std::string> EncodeGeoTiff(const RasterPixels& pixels, const GeoTiffPlace& place, const GeoTiffText& text) {

@@ -32,8 +32,4 @@ StatusOr<std::string> EncodeGeoTiff(const RasterPixels& pixels, const GeoTiffPla
 // "m", "ft", "US survey foot", or the size in metres.
 std::string RasterUnitName(double unit_m);
 
-// `text` for element content and attributes of XML. Control characters and bytes that are not UTF-8 are escaped as in
-// Printable.
-std::string RasterXmlText(const std::string& text);
-
 }  // namespace tessera

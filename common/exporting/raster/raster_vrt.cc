@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "common/storage/xml_file.h"
 
 namespace tessera {
 namespace {
@@ -27,7 +28,7 @@ std::string VrtSourceXml(const VrtSource& source, const RasterBox& all, int band
                          const std::string& no_data) {
   const std::string size = absl::StrFormat("xSize=\"%d\" ySize=\"%d\"", source.box.width, source.box.height);
   return absl::StrCat(
-      "    <ComplexSource>\n      <SourceFilename relativeToVRT=\"1\">", RasterXmlText(source.file),
+      "    <ComplexSource>\n      <SourceFilename relativeToVRT=\"1\">", EscapeMarkup(source.file),
       "</SourceFilename>\n      <SourceBand>", band, "</SourceBand>\n",
       absl::StrFormat(
           "      <SourceProperties RasterXSize=\"%d\" RasterYSize=\"%d\" DataType=\"%s\" BlockXSize=\"256\" "
@@ -44,7 +45,7 @@ std::string VrtSourceXml(const VrtSource& source, const RasterBox& all, int band
 std::string RasterClassesXml(const std::vector<SceneClass>& classes) {
   std::string names = "    <CategoryNames>\n", colors = "    <ColorTable>\n";
   for (const SceneClass& c : classes) {
-    absl::StrAppend(&names, "      <Category>", RasterXmlText(c.name), "</Category>\n");
+    absl::StrAppend(&names, "      <Category>", EscapeMarkup(c.name), "</Category>\n");
     absl::StrAppend(&colors, absl::StrFormat("      <Entry c1=\"%d\" c2=\"%d\" c3=\"%d\" c4=\"255\"/>\n",
                                              c.color_rgb[0], c.color_rgb[1], c.color_rgb[2]));
   }
@@ -59,7 +60,7 @@ std::string MosaicVrt(RasterContent content, const RasterMap& map, const std::ve
   const RasterSystem& system = map.system();
   const Eigen::Vector2d corner = all.Corner(map.pixel_size());
   std::string xml = absl::StrFormat("<VRTDataset rasterXSize=\"%d\" rasterYSize=\"%d\">\n", all.width, all.height);
-  if (!system.wkt.empty()) absl::StrAppend(&xml, "  <SRS>", RasterXmlText(system.wkt), "</SRS>\n");
+  if (!system.wkt.empty()) absl::StrAppend(&xml, "  <SRS>", EscapeMarkup(system.wkt), "</SRS>\n");
   absl::StrAppend(&xml,
                   absl::StrFormat("  <GeoTransform>%.17g, %.17g, 0, %.17g, 0, %.17g</GeoTransform>\n", corner.x(),
                                   map.pixel_size().x(), corner.y(), -map.pixel_size().y()),
@@ -73,7 +74,7 @@ std::string MosaicVrt(RasterContent content, const RasterMap& map, const std::ve
     if (content == RasterContent::kHeights) {
       no_data = absl::StrCat(kNoHeight);
       absl::StrAppend(&xml, "    <Description>height of the surface</Description>\n    <UnitType>",
-                      RasterXmlText(RasterUnitName(system.height_unit_m)), "</UnitType>\n");
+                      EscapeMarkup(RasterUnitName(system.height_unit_m)), "</UnitType>\n");
     } else if (content == RasterContent::kClasses) {
       no_data = absl::StrCat(kNoClass);
       absl::StrAppend(&xml, "    <Description>class</Description>\n", RasterClassesXml(classes),

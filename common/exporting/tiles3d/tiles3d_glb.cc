@@ -13,6 +13,8 @@
 #include <utility>
 
 #include "common/base/printable.h"
+#include "common/exporting/color/vertex_colors.h"
+#include "common/exporting/gltf_conventions.h"
 
 namespace tessera {
 namespace {
@@ -21,13 +23,8 @@ using TileObject = nlohmann::json;
 
 static_assert(std::endian::native == std::endian::little);  // as GLB
 
-// glTF's constants.
-constexpr int kTileUint16 = 5123, kTileUint32 = 5125, kTileFloat = 5126;
-constexpr int kTileArrayBuffer = 34962, kTileIndexBuffer = 34963;
-constexpr uint32_t kTileMagic = 0x46546c67, kTileJsonChunk = 0x4e4f534a, kTileBinaryChunk = 0x004e4942;
 // Floats are exact so far from the translation; wider meshes are divided into squares.
 constexpr double kTileExactRange_m = 4096;
-constexpr std::array<uint8_t, 3> kTileUnlabelledRgb = {160, 160, 160};
 
 struct TileNameClass {
   std::string_view part;
@@ -47,19 +44,10 @@ constexpr std::array<TileNameClass, 12> kTileAsprsClasses = {{{"ground", 2},
                                                               {"road", 11},
                                                               {"bridge", 17}}};
 
-// East-north-up to glTF.
-Eigen::Vector3f TileYUp(const Eigen::Vector3f& p) { return {p.x(), p.z(), -p.y()}; }
-
-// A colour of a picture as glTF's linear fraction, in 16 bits.
-uint16_t TileLinearOf(uint8_t srgb) {
-  const double c = srgb / 255.0;
-  const double linear = c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4);
-  return static_cast<uint16_t>(std::lround(65535 * linear));
-}
-
+// LinearLight16 of each value.
 std::array<uint16_t, 256> TileLinearTable() {
   std::array<uint16_t, 256> table;
-  for (int c = 0; c < 256; ++c) table[c] = TileLinearOf(static_cast<uint8_t>(c));
+  for (int c = 0; c < 256; ++c) table[c] = LinearLight16(static_cast<uint8_t>(c));
   return table;
 }
 
@@ -101,12 +89,12 @@ class TileGlbBuilder {
       const auto number = static_cast<uint32_t>(value);
       file.append(reinterpret_cast<const char*>(&number), sizeof(number));
     };
-    for (const size_t value : {size_t{kTileMagic}, size_t{2}, 28 + text.size() + buffer_.size()}) add(value);
+    for (const size_t value : {size_t{kGlbMagic}, size_t{2}, 28 + text.size() + buffer_.size()}) add(value);
     add(text.size());
-    add(kTileJsonChunk);
+    add(kGlbJsonChunk);
     file += text;
     add(buffer_.size());
-    add(kTileBinaryChunk);
+    add(kGlbBinaryChunk);
     file += buffer_;
     return file;
   }
@@ -130,7 +118,7 @@ void AddTileClassTable(const std::vector<SceneClass>& classes, TileGlbBuilder* g
     asprs.push_back(code);
   };
   for (const SceneClass& c : classes) add(c.name, c.color_rgb, AsprsClassOf(c.name));
-  add("unlabelled", kTileUnlabelledRgb, 0);
+  add("unlabelled", kUnknownColor, 0);
   const TileObject properties = {
       {"name", {{"type", "STRING"}, {"required", true}}},
       {"color", {{"type", "VEC3"}, {"componentType", "UINT8"}, {"description", "sRGB"}, {"required", true}}},
@@ -214,12 +202,13 @@ void AddTilePart(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, con
     const uint32_t v = wedges.vertices[w];
     const int32_t label = wedges.labels[w];
     const bool is_class = label >= 0 && static_cast<size_t>(label) < look.classes.size();
-    positions[w] = TileYUp((vertices.positions[v] - translation).cast<float>());
+    const Eigen::Vector3f about = (vertices.positions[v] - translation).cast<float>();
+    positions[w] = GltfFromEnu(about);
     bounds.extend(positions[w]);
-    if (!look.normals.empty()) normals.push_back(TileYUp(look.normals[v]));
+    if (!look.normals.empty()) normals.push_back(GltfFromEnu(look.normals[v]));
     const Rgb rgb = !vertices.colors.empty() ? vertices.colors[v]
                     : is_class               ? look.classes[label].color_rgb
-                                             : kTileUnlabelledRgb;
+                                             : kUnknownColor;
     for (int k = 0; k < 3; ++k) colors[4 * w + k] = kLinear[rgb[k]];
     colors[4 * w + 3] = std::numeric_limits<uint16_t>::max();
     features[2 * w] = static_cast<uint16_t>(is_class ? label : look.classes.size());
@@ -230,25 +219,25 @@ void AddTilePart(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, con
   TileObject attributes;
   const auto add = [&](const char* name, const auto& values, int component, const char* type) {
     const int stride = static_cast<int>(values.size() * sizeof(values[0]) / count);
-    const int accessor = glb->AddAccessor(values, stride, kTileArrayBuffer, component, type, count);
+    const int accessor = glb->AddAccessor(values, stride, kGltfArrayBuffer, component, type, count);
     attributes[name] = accessor;
     return accessor;
   };
-  TileObject& position = glb->json["accessors"][add("POSITION", positions, kTileFloat, "VEC3")];
+  TileObject& position = glb->json["accessors"][add("POSITION", positions, kGltfFloat, "VEC3")];
   position["min"] = {bounds.min().x(), bounds.min().y(), bounds.min().z()};
   position["max"] = {bounds.max().x(), bounds.max().y(), bounds.max().z()};
-  if (!normals.empty()) add("NORMAL", normals, kTileFloat, "VEC3");
-  glb->json["accessors"][add("COLOR_0", colors, kTileUint16, "VEC4")]["normalized"] = true;
-  add("_FEATURE_ID_0", features, kTileUint16, "SCALAR");
-  if (!confidence.empty()) add("_CONFIDENCE", confidence, kTileFloat, "SCALAR");
-  if (!displacement.empty()) add("_DISPLACEMENT", displacement, kTileFloat, "SCALAR");
+  if (!normals.empty()) add("NORMAL", normals, kGltfFloat, "VEC3");
+  glb->json["accessors"][add("COLOR_0", colors, kGltfUint16, "VEC4")]["normalized"] = true;
+  add("_FEATURE_ID_0", features, kGltfUint16, "SCALAR");
+  if (!confidence.empty()) add("_CONFIDENCE", confidence, kGltfFloat, "SCALAR");
+  if (!displacement.empty()) add("_DISPLACEMENT", displacement, kGltfFloat, "SCALAR");
 
   std::vector<uint32_t> indices(3 * wedges.faces.size());
   std::memcpy(indices.data(), wedges.faces.data(), indices.size() * sizeof(uint32_t));
   const bool narrow = count <= std::numeric_limits<uint16_t>::max();  // the largest index is reserved
   const int index = narrow ? glb->AddAccessor(std::vector<uint16_t>(indices.begin(), indices.end()), 0,
-                                              kTileIndexBuffer, kTileUint16, "SCALAR", indices.size())
-                           : glb->AddAccessor(indices, 0, kTileIndexBuffer, kTileUint32, "SCALAR", indices.size());
+                                              kGltfIndexBuffer, kGltfUint16, "SCALAR", indices.size())
+                           : glb->AddAccessor(indices, 0, kGltfIndexBuffer, kGltfUint32, "SCALAR", indices.size());
   const TileObject feature = {{"featureCount", look.classes.size() + 1}, {"attribute", 0}, {"propertyTable", 0}};
   const TileObject primitive = {
       {"attributes", attributes},

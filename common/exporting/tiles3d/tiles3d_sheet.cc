@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
+#include "common/exporting/color/vertex_colors.h"
 #include "common/exporting/export_map.h"
 #include "common/exporting/tiles3d/tiles3d.h"
 #include "common/exporting/tiles3d/tiles3d_glb.h"
@@ -18,8 +19,6 @@ namespace {
 
 // Squares so many times halved are divided by the order of their faces: many faces have their centroids at one place.
 constexpr int kTiles3dDepth = 24;
-// The displacement that is shown as white.
-constexpr double kTilesWhiteDisplacement_gsd = 10;
 
 struct TileNode {
   Tiles3dFaces faces;            // of its content
@@ -79,16 +78,6 @@ class TileTree {
   std::vector<Eigen::Vector2d> centroids_;
 };
 
-// From black, 0, to white, 1.
-std::vector<Rgb> TileGreys(const std::vector<float>& values, double white) {
-  std::vector<Rgb> colors;
-  for (const float value : values) {
-    const auto grey = static_cast<uint8_t>(std::lround(255 * std::clamp(value / white, 0.0, 1.0)));
-    colors.push_back({grey, grey, grey});
-  }
-  return colors;
-}
-
 StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const SheetInput& input, const GlobeMap& globe) {
   Tiles3dVertices vertices;
   vertices.positions = sheet.vertices;
@@ -116,12 +105,12 @@ StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const SheetInput& i
   }
   for (Eigen::Vector3f& n : vertices.normals) n.stableNormalize();
   for (size_t v = 0; v < areas.size(); ++v) vertices.confidence[v] /= std::max(areas[v], 1e-20f);
+  // The start lacks these values: it has the colours of classes.
   const VertexColor color = input.options.color;
-  if (color == VertexColor::kImage) vertices.colors = sheet.colors;
-  if (color == VertexColor::kConfidence) vertices.colors = TileGreys(vertices.confidence, 1);
-  if (color == VertexColor::kDisplacement) {
-    vertices.colors = TileGreys(vertices.displacement_m, kTilesWhiteDisplacement_gsd * input.scene.gsd_m);
-  }
+  const bool is_known = (color == VertexColor::kImage && !sheet.colors.empty()) ||
+                        (color == VertexColor::kConfidence && !sheet.confidence.empty()) ||
+                        (color == VertexColor::kDisplacement && !sheet.displacement_m.empty());
+  if (is_known) vertices.colors = VertexColors(sheet, input.scene, color);
   return vertices;
 }
 

@@ -243,7 +243,12 @@ TEST(Tiles3dFilesTest, HaveTheColoursThatAreAskedFor) {
   terrain.Write();
   const ReadTileGlb glb = ParseTiles3dGlb(*ReadFile(terrain.path("result/0_0/0.glb")));
   EXPECT_THAT(glb.displacement, testing::Each(0.25f));
-  for (const auto& color : glb.colors) EXPECT_EQ(color, glb.colors[0]);
+  // The middle of YlOrRd, (253, 141, 60), in linear light.
+  for (const auto& color : glb.colors) {
+    EXPECT_NEAR(color[0] / 65535.0, 0.98225, 1e-4);
+    EXPECT_NEAR(color[1] / 65535.0, 0.26636, 1e-4);
+    EXPECT_NEAR(color[2] / 65535.0, 0.04519, 1e-4);
+  }
   EXPECT_EQ(ReadTiles3d(terrain.path("result")).children.size(), 4u);
 }
 
