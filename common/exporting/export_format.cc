@@ -24,6 +24,7 @@ constexpr ExportFormat kExportFormats[] = {
     {.name = "3dtiles",
      .what = "3D Tiles 1.1: levels of detail as GLB, on the globe; for Cesium, Unreal and web viewers",
      .reads_start = true,
+     .on_globe = true,
      .colored = true,
      .has_part = true,
      .write_sheet = WriteTiles3dSheet,

@@ -65,6 +65,7 @@ struct ExportFormat {
   bool reads_neighbours = false;   // SheetInput::neighbours
   bool reads_start = false;        // SheetInput::start
   bool reads_photographs = false;  // SheetInput::views
+  bool on_globe = false;           // its coordinates are WGS 84, where the scene has a place there
   bool colored = false;            // it has vertex colours: SheetInput::sheet has colors if they are asked for
   bool has_part = false;           // the sheet's function writes kPartFile
   bool join_reads_sheets = false;  // JoinInput::Item::sheet_path

@@ -146,6 +146,11 @@ class FolderExport {
                                            "out the format ",
                                            std::string(format->name))));
       }
+      if (format->on_globe && result_.scene.frame.crs().kind == Crs::Kind::kLocal) {
+        warnings_.push_back(absl::StrCat(std::string(format->name),
+                                         ": the scene has no coordinate reference system, so that its files have no "
+                                         "place on the globe: set `crs` in scene.json"));
+      }
       if (format->reads_start && start_path_.empty()) {
         left_out_.push_back(
             absl::StrCat(std::string(format->name), ": the start mesh, because neither --scene nor --start is given"));
@@ -245,10 +250,25 @@ class FolderExport {
   // Adds colours from photographs to the sheets.
   Status Color() {
     if (!needs_colors_) return absl::OkStatus();
-    return Step(kStepShare, kColorShare, "colouring", [&](size_t i, Sheet* sheet) -> Status {
+    std::vector<double> unseen(sheets_.size());  // vertices of each sheet that no photograph shows
+    const Status colored = Step(kStepShare, kColorShare, "colouring", [&](size_t i, Sheet* sheet) -> Status {
       TESSERA_ASSIGN_OR_RETURN(const SheetInput input, InputOf(i, /*neighbours=*/true, /*photographs=*/true));
-      return ColorSheet(input, &sheet->colors, Quiet());
+      TESSERA_RETURN_IF_ERROR(ColorSheet(input, &sheet->colors, Quiet(), &unseen[i]));
+      unseen[i] *= static_cast<double>(sheet->vertices.size());
+      return absl::OkStatus();
     });
+    TESSERA_RETURN_IF_ERROR(colored);
+    double all = 0, without = 0;
+    for (size_t i = 0; i < sheets_.size(); ++i) {
+      all += static_cast<double>(sheets_[i].vertices);
+      without += unseen[i];
+    }
+    if (without > 0) {
+      warnings_.push_back(absl::StrFormat(
+          "--color image: no photograph shows %.1f %% of the vertices; they have the colours around them",
+          100 * without / all));
+    }
+    return absl::OkStatus();
   }
 
   // Changes all sheets of the result by `change`, which may read the sheets as they were before.

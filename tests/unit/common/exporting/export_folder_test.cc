@@ -72,6 +72,7 @@ constexpr ExportFormat kTestFormats[] = {
      .join_reads_sheets = true,
      .write_sheet = WriteFacts,
      .join = JoinFacts},
+    {.name = "globe", .what = "", .on_globe = true, .write_sheet = WriteFacts},
     {.name = "photos", .what = "", .reads_photographs = true, .write_sheet = WriteFacts},
     {.name = "plain", .what = "", .write_sheet = WriteFacts},
 };
@@ -214,6 +215,32 @@ TEST_F(ExportFolderTest, PhotographsAreThoseThatShowTheSheet) {
   EXPECT_THAT(Message(), HasSubstr("images: found no files of 5 of the 5 images"));
   request_.options.formats = {"plain"};
   EXPECT_EQ(Export().status(), absl::OkStatus()) << "needs no photographs";
+}
+
+TEST_F(ExportFolderTest, FilesWithoutAPlaceOnTheGlobeAreWarnedOf) {
+  request_.options.formats = {"globe", "plain"};
+  ASSERT_TRUE(Export().ok());
+  EXPECT_THAT(warnings_, testing::IsEmpty());
+  scene_.frame = Frame::Around({}, scene_.frame.origin_in_scene()).value();
+  WriteReport(/*with_frame=*/true);
+  request_.out += "2";
+  ASSERT_TRUE(Export().ok());
+  EXPECT_THAT(warnings_, testing::ElementsAre(HasSubstr("globe: the scene has no coordinate reference system")));
+}
+
+TEST_F(ExportFolderTest, VerticesThatNoPhotographShowsAreWarnedOf) {
+  const auto v = static_cast<uint32_t>(mesh_.vertices.size());
+  for (const Eigen::Vector3d& p : {Eigen::Vector3d(0, 0, -5), Eigen::Vector3d(0, 1, -5), Eigen::Vector3d(1, 0, -5)}) {
+    mesh_.vertices.push_back(mesh_.vertices[0] + p);  // below the ground, seen from below
+  }
+  mesh_.faces.push_back({v, v + 1, v + 2});
+  mesh_.labels.push_back(0);
+  ASSERT_TRUE(WritePly(request_.result + "/mesh.ply", mesh_).ok());
+  request_.scene = folder_ + "/scene";
+  request_.options.color = VertexColor::kImage;
+  const auto exported = Export();
+  ASSERT_TRUE(exported.ok()) << exported.status();
+  EXPECT_THAT(warnings_, testing::Contains(HasSubstr("no photograph shows")));
 }
 
 TEST_F(ExportFolderTest, ResultsOfEarlierVersionsTakeTheFrameOfTheScene) {
