@@ -6,7 +6,7 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "common/rpc/retry.h"
+#include "common/base/retry.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/hash.h"
 

@@ -9,7 +9,7 @@
 
 #include "common/base/refusal.h"
 #include "common/rpc/channel.h"
-#include "common/rpc/retry.h"
+#include "common/base/retry.h"
 #include "common/rpc/status_conversion.h"
 #include "server/client/job_text.h"
 #include "tessera/v1/jobs.grpc.pb.h"

@@ -8,7 +8,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
-#include "common/rpc/retry.h"
+#include "common/base/retry.h"
 #include "common/storage/files.h"
 #include "server/client/child_process.h"
 

@@ -9,7 +9,7 @@
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/rpc/blob_client.h"
-#include "common/rpc/retry.h"
+#include "common/base/retry.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
 #include "worker/agent/blob_cache.h"

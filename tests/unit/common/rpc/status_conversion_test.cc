@@ -6,7 +6,7 @@
 #include <string>
 
 #include "common/base/refusal.h"
-#include "common/rpc/retry.h"
+#include "common/base/retry.h"
 
 namespace tessera {
 namespace {

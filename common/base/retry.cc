@@ -1,4 +1,4 @@
-#include "common/rpc/retry.h"
+#include "common/base/retry.h"
 
 #include <algorithm>
 #include <chrono>
