@@ -1,0 +1,145 @@
+// Client of an S3 store (AWS, Ceph radosgw, Swift, MinIO): the requests that blobs and scenes need, signed by libcurl.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/base/clock.h"
+#include "common/base/retry.h"
+#include "common/base/status.h"
+#include "common/s3/s3_credentials.h"
+#include "common/s3/s3_location.h"
+
+namespace tessera {
+
+// An object of the bucket. Keys are relative to the location's prefix in all calls.
+struct S3Object {
+  std::string key;
+  int64_t size_bytes = 0;
+  int64_t modified_us = 0;  // Unix time
+  std::string etag;         // without quotes
+};
+
+struct S3Page {
+  std::vector<S3Object> objects;
+  std::string next;  // of the next page; empty: this was the last
+};
+
+// A multipart upload that was neither completed nor aborted.
+struct S3Upload {
+  std::string key, id;
+  int64_t started_us = 0;  // Unix time
+};
+
+// Counts of one method, for metrics.
+struct S3Counts {
+  int64_t calls = 0;  // attempts
+  int64_t retries = 0, errors = 0;
+  int64_t sent_bytes = 0, received_bytes = 0;
+  double seconds = 0;
+};
+
+// A request that the holder of the URL may make without credentials.
+struct SignedRequest {
+  std::string method;  // GET or PUT
+  std::string url;
+  std::map<std::string, std::string> headers;  // must be sent as they are: they are signed
+};
+
+struct S3ClientOptions {
+  std::string ca_file;         // PEM; empty: the system's authorities
+  double connect_s = 10;       // limit of a connection's setup
+  double silence_s = 30;       // a request that moves no byte for this time is ended and retried
+  RetryPolicy retry = {.max_attempts = 8, .first_delay_s = 0.2, .max_delay_s = 10};
+  Sleeper sleeper = RealSleeper();  // returns false to cancel
+};
+
+// Every request is signed with the hash of its content (x-amz-content-sha256). Repeats a request after 5xx, 429, a lost
+// connection and silence, with growing delays and jitter; all requests may be repeated. Thread-safe: connections are
+// kept and shared.
+//
+// Errors, in words, with the store's own code and message: NOT_FOUND (no such key), FAILED_PRECONDITION (a condition
+// was not met; no such bucket; credentials refused; the clocks differ, with both times), PERMISSION_DENIED,
+// RESOURCE_EXHAUSTED (a quota is full: IsStoreFull), DATA_LOSS (content and hash differ), UNAVAILABLE (after the last
+// attempt), INVALID_ARGUMENT (any other 4xx). CANCELLED by the sleeper. No secret or signature is in any message.
+class S3Client {
+ public:
+  // `credentials` and `clock` must outlive the client. INVALID_ARGUMENT for files that cannot be read.
+  static StatusOr<std::unique_ptr<S3Client>> Create(const S3Location& location, S3CredentialsSource* credentials,
+                                                    const Clock* clock, const S3ClientOptions& options = {});
+  ~S3Client();
+
+  const S3Location& location() const;
+
+  StatusOr<S3Object> Head(const std::string& key);
+  // Up to `size_bytes` bytes from `offset_bytes`; fewer only at the end of the object.
+  StatusOr<std::string> Get(const std::string& key, int64_t offset_bytes, int64_t size_bytes);
+  // Passes the bytes from `offset_bytes` to the object's end to `take`, in order, each once: an interrupted transfer goes
+  // on where it stopped, if the object's ETag is still the same (else ABORTED). Errors of `take` end the transfer.
+  Status Stream(const std::string& key, int64_t offset_bytes, const std::function<Status(std::string_view bytes)>& take);
+
+  struct PutCondition {
+    bool only_if_absent = false;  // If-None-Match: *; FAILED_PRECONDITION if the key exists
+  };
+  // `sha256`: of the bytes, lower-case hex.
+  Status Put(const std::string& key, std::string_view bytes, const std::string& sha256, PutCondition condition = {});
+  // A local file, in parts of some MiB, several at once, if it is larger than 64 MiB.
+  Status PutFile(const std::string& key, const std::string& path, int64_t size_bytes, const std::string& sha256);
+  // Sets the object's time to now by copying it onto itself. NOT_FOUND if it does not exist.
+  Status Renew(const std::string& key);
+  Status Copy(const std::string& from, const std::string& to);
+
+  // Objects whose keys begin with `key_prefix`, at most 1,000. `from`: S3Page::next of the page before.
+  StatusOr<S3Page> List(const std::string& key_prefix, const std::string& from = "");
+  // Deletes the keys, in batches. Missing ones are no error.
+  Status Delete(const std::vector<std::string>& keys);
+
+  // --- Multipart uploads of others: the coordinator opens and closes what a worker sends by signed URLs. ---
+  StatusOr<std::string> StartUpload(const std::string& key);
+  // `etags` of the parts, from part 1 on.
+  Status CompleteUpload(const std::string& key, const std::string& id, const std::vector<std::string>& etags);
+  Status AbortUpload(const std::string& key, const std::string& id);
+  StatusOr<std::vector<S3Upload>> ListUploads(const std::string& key_prefix);
+
+  // --- Signed URLs (AWS Signature Version 4, query form), valid for `seconds`. ---
+  StatusOr<SignedRequest> SignGet(const std::string& key, double seconds);
+  // The URL of an upload of exactly this content: `sha256` is a signed header.
+  StatusOr<SignedRequest> SignPut(const std::string& key, const std::string& sha256, double seconds);
+  StatusOr<SignedRequest> SignPart(const std::string& key, const std::string& upload, int part,
+                                   const std::string& sha256, double seconds);
+
+  // By method ("get", "put", "head", "list", "delete", "copy", "upload").
+  std::map<std::string, S3Counts> counts() const;
+
+ private:
+  struct Impl;
+  explicit S3Client(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+// Makes a signed request: no credentials are needed. Errors, retries and threads as of S3Client; an expired URL is
+// PERMISSION_DENIED.
+class SignedTransfers {
+ public:
+  explicit SignedTransfers(const S3ClientOptions& options = {});
+  ~SignedTransfers();
+
+  // Passes the object's bytes from `offset_bytes` on to `take`, as S3Client::Stream.
+  Status Get(const SignedRequest& request, int64_t offset_bytes,
+             const std::function<Status(std::string_view bytes)>& take);
+  // Sends bytes [offset, offset + size) of a local file. Returns the ETag.
+  StatusOr<std::string> Put(const SignedRequest& request, const std::string& path, int64_t offset_bytes,
+                            int64_t size_bytes);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tessera

@@ -1,0 +1,52 @@
+// The whole state of a coordinator in a database, and the exclusive right to write it.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "common/base/status.h"
+#include "server/store/record_store.h"
+
+namespace tessera {
+
+// Where the state is, for messages: a path, or the URL of a database without its password.
+//
+// A store that was opened holds the right to write. Append returns ABORTED, and stores nothing, once another
+// coordinator has taken it (IsTakenOver). An Append whose answer was lost may be repeated with the same records: no
+// record is stored twice.
+class StateStore : public RecordStore, public DigestCache {
+ public:
+  virtual std::string Location() const = 0;
+  // Secret from which the secrets of workers are derived. Made when the state is made, and kept with it: a coordinator
+  // that takes over accepts the workers of the one before.
+  virtual StatusOr<std::string> WorkerKey() = 0;
+  // A value that is kept with the state. Returns the kept one; stores `value` if there is none yet.
+  virtual StatusOr<std::string> Keep(const std::string& name, const std::string& value) = 0;
+
+  // Seconds by this process's monotonic clock for which the right to write is certainly held; infinity if no other
+  // process can take it (SQLite: the data folder is locked). 0 or less: the process must answer nothing more.
+  virtual double HeldFor_s() const = 0;
+  // Gives the right to write up at once, so that a standby need not wait. Append fails from then on.
+  virtual void Release() = 0;
+};
+
+// Whether a status of Append means that another coordinator has taken over.
+bool IsTakenOver(const Status& status);
+
+struct OpenStateOptions {
+  OwnerOf owner_of;
+  std::string holder;  // who opens it, for messages: host and process
+  // Called while another coordinator holds the right, every few seconds: who, and since when it was last renewed. False
+  // ends the wait with CANCELLED. Empty: does not wait, FAILED_PRECONDITION instead.
+  std::function<bool(const std::string& holder, double renewed_before_s)> wait;
+};
+
+// Opens the state at `url`: a path of a SQLite file, or postgresql://..., as libpq reads it (its service and password
+// files, sslmode, several hosts). `schema` in the URL's options selects one of several coordinators in a database.
+StatusOr<std::unique_ptr<StateStore>> OpenState(const std::string& url, const OpenStateOptions& options);
+
+// Whether `url` names a PostgreSQL database.
+bool IsPostgresUrl(const std::string& url);
+
+}  // namespace tessera
