@@ -1,5 +1,6 @@
 #include "common/imaging/file_bytes.h"
 
+#include "absl/strings/str_cat.h"
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -22,6 +23,19 @@ StatusOr<std::vector<uint8_t>> ReadFileStart(const std::string& path, int64_t si
 
 Status ReplaceFile(const std::string& path, const std::vector<uint8_t>& bytes) {
   return WriteFileAtomic(path, std::string(bytes.begin(), bytes.end()));
+}
+
+StatusOr<std::vector<uint8_t>> Interleaved(const ByteImage& image) {
+  if (image.empty() || (image.channels != 1 && image.channels != 3)) {
+    return absl::InvalidArgumentError(absl::StrCat("cannot encode an image of ", image.width, " x ", image.height,
+                                                   " pixels and ", image.channels, " channels"));
+  }
+  std::vector<uint8_t> samples(image.data.size());
+  for (int c = 0; c < image.channels; ++c) {
+    const uint8_t* plane = image.plane(c);
+    for (size_t i = 0; i < image.plane_size(); ++i) samples[i * image.channels + c] = plane[i];
+  }
+  return samples;
 }
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// Reading and writing of whole image files.
+// The bytes of image files.
 #pragma once
 
 #include <cstdint>
@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/imaging/raster.h"
 
 namespace tessera {
 
@@ -16,5 +17,9 @@ StatusOr<std::vector<uint8_t>> ReadFileStart(const std::string& path, int64_t si
 
 // Replaces the file at `path` atomically (WriteFileAtomic).
 Status ReplaceFile(const std::string& path, const std::vector<uint8_t>& bytes);
+
+// The samples of 1 or 3 (RGB) planes pixel by pixel, as JPEG and PNG files store them. INVALID_ARGUMENT for other
+// images.
+StatusOr<std::vector<uint8_t>> Interleaved(const ByteImage& image);
 
 }  // namespace tessera

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgcodecs.hpp>
+#include <opencv2/core.hpp>
 #include <optional>
 
 #include "absl/strings/str_cat.h"
@@ -47,9 +47,7 @@ StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std:
       TESSERA_RETURN_IF_ERROR(DecodeTiffPhotograph(path, &image));
     } else {
       image.create(size.height, size.width, CV_8UC3);
-      TESSERA_ASSIGN_OR_RETURN(const bool decoded,
-                               DecodeJpeg(path, bytes, {image.data, image.step[0], size.width, size.height}));
-      if (!decoded) image = cv::imdecode(bytes, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);  // CMYK
+      TESSERA_RETURN_IF_ERROR(DecodeJpeg(path, bytes, {image.data, image.step[0], size.width, size.height}));
     }
   } catch (const cv::Exception& error) {
     return InputError(path, "", error.err, "a JPEG, PNG or TIFF image");
@@ -106,35 +104,6 @@ Status ApplyMask(const std::string& path, const ImageSize& whole, const ImagePar
     }
   }
   return absl::OkStatus();
-}
-
-// `path`: for messages.
-StatusOr<Bytes> Encode(const std::string& path, const ByteImage& image, const std::string& extension,
-                       const std::vector<int>& parameters) {
-  if (image.empty() || (image.channels != 1 && image.channels != 3)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": cannot write an image of ", image.width, " x ",
-                                                   image.height, " pixels and ", image.channels, " channels"));
-  }
-  cv::Mat mat(image.height, image.width, CV_8UC(image.channels));
-  for (int y = 0; y < image.height; ++y) {
-    uint8_t* row = mat.ptr<uint8_t>(y);
-    for (int x = 0; x < image.width; ++x) {
-      for (int c = 0; c < image.channels; ++c) row[image.channels * x + c] = image.at(x, y, image.channels - 1 - c);
-    }
-  }
-  Bytes bytes;
-  try {
-    if (!cv::imencode(extension, mat, bytes, parameters)) return absl::InternalError(path + ": cannot encode");
-  } catch (const cv::Exception& error) {
-    return absl::InternalError(absl::StrCat(path, ": cannot encode: ", error.err));
-  }
-  return bytes;
-}
-
-Status EncodeAndReplace(const std::string& path, const ByteImage& image, const std::string& extension,
-                        const std::vector<int>& parameters) {
-  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, Encode(path, image, extension, parameters));
-  return ReplaceFile(path, bytes);
 }
 
 // `part` of the undistorted photograph: luminance (1 channel) or colours (3).
@@ -219,9 +188,9 @@ StatusOr<ByteImage> ReadMask(const std::string& path, const ImageSize& photograp
   TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt));
   const double height = static_cast<double>(mat.cols) * photograph.height / photograph.width;
   if (std::abs(mat.rows - height) > 1) {
-    return InputError(path, "", absl::StrCat("a mask of ", mat.cols, " x ", mat.rows, " pixels"),
-                      absl::StrCat(photograph.width, " x ", photograph.height,
-                                   " as its photograph, or the same aspect ratio"));
+    return InputError(
+        path, "", absl::StrCat("a mask of ", mat.cols, " x ", mat.rows, " pixels"),
+        absl::StrCat(photograph.width, " x ", photograph.height, " as its photograph, or the same aspect ratio"));
   }
   ByteImage mask(mat.cols, mat.rows);
   const int channels = mat.channels(), colours = std::min(channels, 3);
@@ -310,14 +279,14 @@ StatusOr<ByteImage> ReadPng(const std::string& path) {
   return PlanesOf(mat);
 }
 
-Status WritePng(const std::string& path, const ByteImage& image) { return EncodeAndReplace(path, image, ".png", {}); }
-
-Status WriteJpeg(const std::string& path, const ByteImage& image, int quality) {
-  return EncodeAndReplace(path, image, ".jpg", {cv::IMWRITE_JPEG_QUALITY, quality});
+Status WritePng(const std::string& path, const ByteImage& image) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, EncodePng(image));
+  return ReplaceFile(path, bytes);
 }
 
-StatusOr<std::vector<uint8_t>> EncodeJpeg(const ByteImage& image, int quality) {
-  return Encode("picture", image, ".jpg", {cv::IMWRITE_JPEG_QUALITY, quality});
+Status WriteJpeg(const std::string& path, const ByteImage& image, int quality) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, EncodeJpeg(image, quality));
+  return ReplaceFile(path, bytes);
 }
 
 Status WriteLikelihoodTiff(const std::string& path, const ByteImage& pages) {

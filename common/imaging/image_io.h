@@ -91,9 +91,6 @@ struct PngPixels {
 // The pixels of the PNG in `bytes`, of 8 or 16 bits; palettes become RGB. `path` is for messages.
 StatusOr<PngPixels> DecodePngPixels(const std::string& path, const std::vector<uint8_t>& bytes);
 
-// The content of a JPEG file; 1 or 3 (RGB) channels.
-StatusOr<std::vector<uint8_t>> EncodeJpeg(const ByteImage& image, int quality);
-
 // Writers replace files atomically (temporary file, then rename).
 Status WritePng(const std::string& path, const ByteImage& image);  // 1 or 3 (RGB) channels
 Status WriteJpeg(const std::string& path, const ByteImage& image, int quality);

@@ -9,9 +9,14 @@ find_package(TBB CONFIG REQUIRED)
 find_package(OpenSSL REQUIRED)
 find_package(Protobuf REQUIRED)
 find_package(gRPC CONFIG REQUIRED)
-# Only libopencv-dev has OpenCV's CMake package, but it depends on every module (VTK, Qt, ...); three are enough here.
+# Only libopencv-dev has OpenCV's CMake package, but it depends on every module (VTK, Qt, ...). imgcodecs, which loads
+# GDAL and 100 other libraries, is for tests alone.
 find_path(OPENCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
-foreach(module core imgproc imgcodecs)
+set(opencv_modules core imgproc)
+if(TESSERA_BUILD_TESTS)
+  list(APPEND opencv_modules imgcodecs)
+endif()
+foreach(module ${opencv_modules})
   find_library(OPENCV_${module}_LIBRARY opencv_${module} REQUIRED)
   add_library(opencv_${module} SHARED IMPORTED)
   set_target_properties(opencv_${module} PROPERTIES IMPORTED_LOCATION ${OPENCV_${module}_LIBRARY}

@@ -9,7 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/geometry/mesh.h"
-#include "common/imaging/image_io.h"
+#include "common/imaging/jpeg_file.h"
 #include "common/meshio/mesh_format.h"
 #include "common/render/coloring.h"
 #include "common/render/framing.h"

@@ -5,7 +5,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <cstring>
+// libjpeg's header needs <cstdio>.
+#include <jpeglib.h>
+
 #include <limits>
 #include <opencv2/imgcodecs.hpp>
 
@@ -102,6 +107,67 @@ TEST(ImageIoTest, JpegsHaveThePixelsOfOpenCv) {
           for (int c = 0; c < 3; ++c) ASSERT_EQ(image->at(x, y, c), expected.at<cv::Vec3b>(y, x)[2 - c]);
         }
       }
+    }
+  }
+}
+
+TEST(ImageIoTest, FilesHaveTheBytesOfOpenCv) {
+  const std::string folder = FreshTestFolder("f");
+  for (const int channels : {1, 3}) {
+    const ByteImage image = RandomImage(61, 35, channels);
+    cv::Mat mat(image.height, image.width, CV_8UC(channels));
+    for (int y = 0; y < image.height; ++y) {
+      for (int x = 0; x < image.width; ++x) {
+        for (int c = 0; c < channels; ++c) mat.ptr(y)[channels * x + c] = image.at(x, y, channels - 1 - c);
+      }
+    }
+    std::vector<uint8_t> expected;
+    ASSERT_TRUE(cv::imencode(".jpg", mat, expected, {cv::IMWRITE_JPEG_QUALITY, 85}));
+    ASSERT_TRUE(WriteJpeg(folder + "/a.jpg", image, 85).ok());
+    EXPECT_EQ(Bytes(ReadText(folder + "/a.jpg")), expected);
+    ASSERT_TRUE(cv::imencode(".png", mat, expected));
+    ASSERT_TRUE(WritePng(folder + "/a.png", image).ok());
+    EXPECT_EQ(Bytes(ReadText(folder + "/a.png")), expected);
+  }
+}
+
+// A JPEG of random CMYK pixels.
+std::vector<uint8_t> CmykJpeg(int width, int height) {
+  const ByteImage pixels = RandomImage(4 * width, height, 1);
+  jpeg_compress_struct info = {};
+  jpeg_error_mgr errors = {};
+  info.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&info);
+  unsigned char* bytes = nullptr;
+  unsigned long size = 0;
+  jpeg_mem_dest(&info, &bytes, &size);
+  info.image_width = width;
+  info.image_height = height;
+  info.input_components = 4;
+  info.in_color_space = JCS_CMYK;
+  jpeg_set_defaults(&info);
+  jpeg_start_compress(&info, TRUE);
+  for (int y = 0; y < height; ++y) {
+    auto* row = const_cast<uint8_t*>(&pixels.at(0, y));
+    jpeg_write_scanlines(&info, &row, 1);
+  }
+  jpeg_finish_compress(&info);
+  jpeg_destroy_compress(&info);
+  std::vector<uint8_t> result(bytes, bytes + size);
+  std::free(bytes);
+  return result;
+}
+
+TEST(ImageIoTest, CmykJpegsHaveThePixelsOfOpenCv) {
+  const std::string path = FreshTestFolder("f") + "/a.jpg";
+  const std::vector<uint8_t> bytes = CmykJpeg(61, 35);
+  WriteText(path, {bytes.begin(), bytes.end()});
+  const cv::Mat expected = cv::imdecode(bytes, cv::IMREAD_COLOR);
+  const StatusOr<ByteImage> image = ReadRgb(path);
+  ASSERT_TRUE(image.ok()) << image.status();
+  for (int y = 0; y < image->height; ++y) {
+    for (int x = 0; x < image->width; ++x) {
+      for (int c = 0; c < 3; ++c) ASSERT_EQ(image->at(x, y, c), expected.at<cv::Vec3b>(y, x)[2 - c]);
     }
   }
 }
