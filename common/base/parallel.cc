@@ -5,10 +5,8 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#ifdef __SANITIZE_THREAD__
 #include <atomic>
 #include <thread>
-#endif
 
 namespace tessera {
 namespace {
@@ -45,6 +43,16 @@ double ParallelSum(int64_t count, int64_t grain, const std::function<double(int6
   double sum = 0;
   for (double part : partial) sum += part;
   return sum;
+}
+
+void ConcurrentForEach(int64_t count, int at_once, const std::function<void(int64_t)>& body) {
+  std::atomic<int64_t> next = 0;
+  const auto work = [&] {
+    for (int64_t i; (i = next++) < count;) body(i);
+  };
+  std::vector<std::jthread> others;
+  for (int64_t thread = 1; thread < std::min<int64_t>(at_once, count); ++thread) others.emplace_back(work);
+  work();
 }
 
 int ThreadCount() {

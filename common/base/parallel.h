@@ -24,6 +24,11 @@ void ParallelForEach(Index count, int64_t grain, const Body& body) {
 // threads.
 double ParallelSum(int64_t count, int64_t grain, const std::function<double(int64_t begin, int64_t end)>& body);
 
+// Calls body(i) for every i of [0, count), in ascending order of their starts, on the calling thread and at most
+// `at_once` - 1 others, which end before the call returns. For bodies that wait for a disk or a network; ParallelFor is
+// for computation. `body` must not throw.
+void ConcurrentForEach(int64_t count, int at_once, const std::function<void(int64_t i)>& body);
+
 // The number of threads that ParallelFor may use now; at least 1.
 int ThreadCount();
 

@@ -111,8 +111,11 @@ Status BlobClient::FetchOnce(const Digest& digest, BlobStore& store, const TaskC
 Status BlobClient::Fetch(const Digest& digest, BlobStore& store, const TaskControl& control) {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   if (store.Has(digest)) return absl::OkStatus();
-  return impl_->RetryWithProgress([&] { return FetchOnce(digest, store, control); },
-                                  [&] { return store.CommittedBytes(digest).value_or(0); });
+  const auto fetch = [&]() -> Status {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    return FetchOnce(digest, store, control);
+  };
+  return impl_->RetryWithProgress(fetch, [&] { return store.CommittedBytes(digest).value_or(0); });
 }
 
 Status BlobClient::SendOnce(const std::string& path, const Digest& digest, const TaskControl& control,

@@ -1,6 +1,15 @@
 #include "common/storage/blob_store.h"
 
+#include "common/base/parallel.h"
+
 namespace tessera {
+
+std::vector<Status> BlobStore::StatMany(const std::vector<Digest>& digests) const {
+  std::vector<Status> found(digests.size());
+  ConcurrentForEach(static_cast<int64_t>(digests.size()), kCallsAtOnce,
+                    [&](int64_t i) { found[i] = Stat(digests[i]); });
+  return found;
+}
 
 StatusOr<std::string> BlobStore::Read(const Digest& digest, int64_t max_bytes) const {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));

@@ -38,6 +38,9 @@ struct BlobEntry {
 // Memory: streaming calls buffer at most 1 MiB.
 class BlobStore {
  public:
+  // Calls that a caller with many blobs makes at once: a store behind a network answers each after some milliseconds.
+  static constexpr int kCallsAtOnce = 16;
+
   virtual ~BlobStore() = default;
 
   // --- Read ---
@@ -45,6 +48,8 @@ class BlobStore {
   // Checks that the blob exists and has the digest's size. Does not read the content.
   virtual Status Stat(const Digest& digest) const = 0;
   bool Has(const Digest& digest) const { return Stat(digest).ok(); }
+  // Stat of each digest, in their order, with several calls at once.
+  std::vector<Status> StatMany(const std::vector<Digest>& digests) const;
   // Up to `size_bytes` bytes from `offset_bytes`; fewer only at the end of the blob. Not verified.
   virtual StatusOr<std::string> ReadRange(const Digest& digest, int64_t offset_bytes, int64_t size_bytes) const = 0;
   // The whole content, verified. RESOURCE_EXHAUSTED if it is larger than `max_bytes`.

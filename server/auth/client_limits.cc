@@ -1,5 +1,7 @@
 #include "server/auth/client_limits.h"
 
+#include <vector>
+
 #include "common/base/refusal.h"
 
 namespace tessera {
@@ -83,7 +85,7 @@ void ClientLimits::BreakOffSilent(Clock::time_point now) {
 }
 
 Status ClientLimits::BeginUpload(const std::string& client, const Digest& digest) {
-  std::lock_guard lock(mutex_);
+  std::unique_lock lock(mutex_);
   if (uploads_.contains(digest.sha256)) return absl::OkStatus();
   const auto full = [&]() -> Status {
     const auto found = uploads_of_client_.find(client);
@@ -98,7 +100,8 @@ Status ClientLimits::BeginUpload(const std::string& client, const Digest& digest
     }
     return absl::OkStatus();
   };
-  if (!full().ok()) ForgetSweptLocked(client, Clock::now());
+  if (!full().ok()) ForgetSwept(client, Clock::now(), lock);
+  if (uploads_.contains(digest.sha256)) return absl::OkStatus();  // begun meanwhile
   if (const Status status = full(); !status.ok()) return RetryAfter(status, kRetryUpload_s);
   uploads_[digest.sha256] = {client, digest.size_bytes};
   Uploads& has = uploads_of_client_[client];
@@ -121,13 +124,18 @@ void ClientLimits::EndUploadLocked(std::map<std::string, Upload>::iterator uploa
 }
 
 // The blob store removes abandoned uploads after a while without a notification: find those and stop counting them.
-void ClientLimits::ForgetSweptLocked(const std::string& client, Clock::time_point now) {
+void ClientLimits::ForgetSwept(const std::string& client, Clock::time_point now, std::unique_lock<std::mutex>& lock) {
   if (now < swept_at_ + kBetweenSweeps) return;
   swept_at_ = now;
-  for (auto upload = uploads_.begin(); upload != uploads_.end();) {
-    const auto each = upload++;
-    if (each->second.client != client) continue;
-    if (blobs_->CommittedBytes({each->first, each->second.bytes}).value_or(1) == 0) EndUploadLocked(each);
+  std::vector<Digest> uploads;
+  for (const auto& [sha256, upload] : uploads_) {
+    if (upload.client == client) uploads.push_back({sha256, upload.bytes});
+  }
+  lock.unlock();
+  std::erase_if(uploads, [&](const Digest& digest) { return blobs_->CommittedBytes(digest).value_or(1) > 0; });
+  lock.lock();
+  for (const Digest& digest : uploads) {
+    if (const auto upload = uploads_.find(digest.sha256); upload != uploads_.end()) EndUploadLocked(upload);
   }
 }
 

@@ -82,7 +82,8 @@ class ClientLimits {
     int64_t bytes = 0;
   };
   void EndUploadLocked(std::map<std::string, Upload>::iterator upload);
-  void ForgetSweptLocked(const std::string& client, Clock::time_point now);
+  // Releases the lock while it asks the blob store.
+  void ForgetSwept(const std::string& client, Clock::time_point now, std::unique_lock<std::mutex>& lock);
 
   const ClientLimitOptions options_;
   const BlobStore* const blobs_;

@@ -134,4 +134,10 @@ Status Coordinator::Tick() {
   return planning_.Advance();
 }
 
+Status Coordinator::TickInBackground() {
+  TESSERA_RETURN_IF_ERROR(leases_.Expire());
+  planning_.AdvanceSoon();
+  return planning_.background_status();
+}
+
 }  // namespace tessera

@@ -34,6 +34,9 @@ class Coordinator {
 
   // Ends expired leases and stalled attempts, and retries pending steps of jobs. Call about once a second.
   Status Tick();
+  // The same with the steps in another thread, so that leases end while the blob store does not answer. Returns the
+  // error of the last steps that were taken like this.
+  Status TickInBackground();
 
  private:
   Coordinator(const DispatchEnvironment& environment, const DispatchOptions& options);

@@ -5,6 +5,7 @@
 #include <mutex>
 #include <string_view>
 
+#include "common/base/parallel.h"
 #include "common/job/task_parameters.h"
 #include "server/jobs/job_report.h"
 #include "server/jobs/planner.h"
@@ -113,13 +114,15 @@ StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environm
     TESSERA_ASSIGN_OR_RETURN(const std::string json, environment.blobs->Read(*digest, kMaxReadsBytes));
     return ParseTileReads(json, tile, tiles);
   };
-  for (const auto& [tile, digest] : step.reads) {
-    const StatusOr<TileReads> of_tile = read(tile, digest);
-    if (!of_tile.ok()) {
-      return Status(of_tile.status().code(),
-                    "tile " + std::to_string(tile) + ": " + std::string(of_tile.status().message()));
+  std::vector<StatusOr<TileReads>> of_tiles(step.reads.size());
+  ConcurrentForEach(static_cast<int64_t>(of_tiles.size()), BlobStore::kCallsAtOnce,
+                    [&](int64_t i) { of_tiles[i] = read(step.reads[i].first, step.reads[i].second); });
+  for (size_t i = 0; i < of_tiles.size(); ++i) {
+    if (const Status status = of_tiles[i].status(); !status.ok()) {
+      return Status(status.code(),
+                    "tile " + std::to_string(step.reads[i].first) + ": " + std::string(status.message()));
     }
-    reads.push_back(*of_tile);
+    reads.push_back(*std::move(of_tiles[i]));
   }
   return planner.Steps(step.settings, survey, names, reads, goes_on_from, step.quarantined);
 }

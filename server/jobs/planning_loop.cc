@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/base/parallel.h"
 #include "server/jobs/job_records.h"
 #include "server/jobs/tile_quarantine.h"
 #include "server/leases/known_results.h"
@@ -17,6 +18,7 @@ namespace {
 
 constexpr size_t kMaxPlanBytes = 512 << 10;  // of one record, which is applied under one hold of the mutex
 constexpr int64_t kRecordsAhead = 8;         // records of a plan that wait to be stored
+constexpr size_t kLookedUpAtOnce = 256;      // known results per hold of the mutex
 
 void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_kind(task.kind);
@@ -44,6 +46,22 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   AddFiles(*task.given, record->mutable_given());
 }
 
+// Stores the files that the planner made for tasks, and adds them to PlannedTask::given.
+Status StoreGivenContents(BlobStore& blobs, std::vector<PlannedTask>& tasks) {
+  std::vector<std::pair<PlannedTask*, const std::pair<std::string, std::string>*>> files;
+  for (PlannedTask& task : tasks) {
+    for (const auto& file : *task.given_contents) files.emplace_back(&task, &file);
+  }
+  std::vector<StatusOr<Digest>> stored(files.size(), Digest());
+  ConcurrentForEach(static_cast<int64_t>(files.size()), BlobStore::kCallsAtOnce,
+                    [&](int64_t i) { stored[i] = blobs.PutBytes(files[i].second->second); });
+  for (size_t i = 0; i < files.size(); ++i) {
+    TESSERA_RETURN_IF_ERROR(stored[i].status());
+    files[i].first->given.Edit().push_back({files[i].second->first, *stored[i]});
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 Status PlanningLoop::Advance() {
@@ -54,7 +72,7 @@ Status PlanningLoop::Advance() {
     if (!one_at_a_time) return absl::OkStatus();
     advance_wanted_ = false;
     while (true) {
-      TESSERA_RETURN_IF_ERROR(ReuseReady());
+      ReuseReady();
       std::optional<PendingStep> step;
       {
         std::lock_guard lock(mutex_);
@@ -74,8 +92,15 @@ void PlanningLoop::AdvanceSoon() {
   if (advance_soon_.exchange(true)) return;
   advance_thread_.Do([this] {
     advance_soon_ = false;
-    Advance().IgnoreError();  // Tick retries and reports the error
+    const Status status = Advance();
+    std::lock_guard lock(mutex_);
+    background_status_ = status;
   });
+}
+
+Status PlanningLoop::background_status() const {
+  std::lock_guard lock(mutex_);
+  return background_status_;
 }
 
 // Plans without the mutex, so the job may end or lose a tile meanwhile; such a plan is dropped at the next record. A
@@ -91,12 +116,7 @@ Status PlanningLoop::PlanJob(const PendingStep& step) {
   }
   if (tasks.ok() && tasks->empty()) tasks = absl::InternalError("the plan has no tasks");
   const std::shared_lock refers(core_.blob_use().mutex);
-  for (size_t t = 0; tasks.ok() && t < tasks->size(); ++t) {
-    for (const auto& [name, content] : *(*tasks)[t].given_contents) {
-      TESSERA_ASSIGN_OR_RETURN(const Digest digest, environment_.blobs->PutBytes(content));
-      (*tasks)[t].given.Edit().push_back({name, digest});
-    }
-  }
+  if (tasks.ok()) TESSERA_RETURN_IF_ERROR(StoreGivenContents(*environment_.blobs, *tasks));
   Status fault = tasks.status();
   std::vector<int> superseded;
   if (fault.ok() && step.replaces_from >= 0) {
@@ -163,18 +183,21 @@ Status PlanningLoop::QuarantineTile(const PendingStep& step) {
   return core_.Commit(record);
 }
 
-Status PlanningLoop::ReuseReady() {
+void PlanningLoop::ReuseReady() {
   // A reuse may make readers ready, so repeat until no known result is left.
-  while (true) {
-    std::vector<TaskRef> known;
+  do {
+    std::vector<TaskRef> ready;
     {
       std::lock_guard lock(mutex_);
-      known = ledger_.TakeNewlyReady();
-      if (known.empty()) return absl::OkStatus();
-      std::erase_if(known, [&](TaskRef ref) { return !MayReuse(ledger_, ref); });
+      ready = ledger_.TakeNewlyReady();
     }
-    for (const TaskRef ref : known) TESSERA_RETURN_IF_ERROR(Reuse(core_, ref));
-  }
+    for (size_t next = 0; next < ready.size();) {
+      std::lock_guard lock(mutex_);
+      for (const size_t end = std::min(next + kLookedUpAtOnce, ready.size()); next < end; ++next) {
+        if (MayReuse(ledger_, ready[next])) SetAside(core_, ready[next]);
+      }
+    }
+  } while (ReuseResults(core_));
 }
 
 }  // namespace tessera

@@ -24,6 +24,8 @@ class PlanningLoop {
   Status Advance();
   // Calls Advance in a background thread.
   void AdvanceSoon();
+  // The error of the last such call that has ended.
+  Status background_status() const;
   // Disk space at the last check. Needs the core's mutex.
   const Room& room() const { return room_; }
 
@@ -31,8 +33,8 @@ class PlanningLoop {
   Status PlanJob(const PendingStep& step);
   Status QuarantineTile(const PendingStep& step);
   Status EndJob(PendingStep step);
-  // Completes new ready tasks that have a known result.
-  Status ReuseReady();
+  // Completes ready tasks that have a known result.
+  void ReuseReady();
   // --- admit_held.cc ---
   // Admits held jobs whose predicted output fits the disk beside that of running jobs.
   void AdmitHeld();
@@ -47,6 +49,7 @@ class PlanningLoop {
   std::atomic<bool> advance_wanted_ = false;
   std::mutex advance_mutex_;  // one Advance at a time; lock order: before the core's
   Room room_;
+  Status background_status_;  // guarded by the core's mutex
   std::atomic<bool> advance_soon_ = false;
   WorkThread advance_thread_;  // last: destroyed first
 };

@@ -9,6 +9,7 @@
 #include <map>
 #include <mutex>
 #include <string>
+#include <vector>
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
@@ -58,8 +59,8 @@ struct DispatchEnvironment {
   std::function<void(const SuspendedWorker& worker)> on_worker_suspended = {};
 };
 
-// A change is checked and applied in memory under the mutex; the journal stores it in batches. File access, hashing and
-// planning happen outside the mutex. Leases may be lost if the machine fails: reports of their workers are then
+// A change is checked and applied in memory under the mutex; the journal stores it in batches. Calls of the blob store,
+// hashing and planning happen outside the mutex, and not in threads that answer callers: a store may answer late. Leases may be lost if the machine fails: reports of their workers are then
 // refused, and the tasks are leased again.
 //
 // Lock order: PlanningLoop's, blob_use().mutex, mutex(). Members marked (M) need mutex(); all others are thread-safe.
@@ -72,12 +73,14 @@ class DispatchCore {
   const DispatchEnvironment& environment() const { return environment_; }
   const DispatchOptions& options() const { return options_; }
   std::mutex& mutex() { return mutex_; }
-  // Hold its mutex shared while a change adds references to stored blobs.
+  // Hold its mutex shared while a change adds references to blobs that were stored before.
   BlobUse& blob_use() { return blob_use_; }
   Ledger& ledger() { return ledger_; }                // (M)
   LeaseTable& lease_table() { return lease_table_; }  // (M)
   WaitingWorkers& waiting() { return waiting_; }      // (M)
   DispatchCounts& counts() { return counts_; }        // (M)
+  // (M) Tasks that are not leased until their known results are checked (known_results.h).
+  std::vector<TaskRef>& set_aside() { return set_aside_; }
   Journal& journal() { return journal_; }
 
   // (M) Checks the record, applies it, queues it for the journal, and wakes workers for new ready tasks. Sets the
@@ -112,6 +115,7 @@ class DispatchCore {
   Ledger ledger_;
   LeaseTable lease_table_;
   DispatchCounts counts_;
+  std::vector<TaskRef> set_aside_;
   std::map<int, int64_t> end_records_;  // by ended job: number of its record in the journal
   std::atomic<bool> draining_ = false, stopped_ = false;
   ChangedTasks changed_tasks_;  // of records not yet stored

@@ -1,13 +1,67 @@
 #include "server/leases/known_results.h"
 
-#include <algorithm>
 #include <mutex>
 #include <shared_mutex>
+#include <utility>
+#include <vector>
 
 #include "server/ledger/digest_proto.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
+namespace {
+
+constexpr size_t kCheckedAtOnce = 256;  // tasks per check of the blob store
+
+using Outputs = absl::InlinedVector<StoredFile, 1>;
+
+struct KnownResult {
+  TaskRef ref;
+  Outputs outputs;
+};
+
+// Makes the task ready again, unless it has ended meanwhile. Needs the core's mutex.
+void PutBack(DispatchCore& core, TaskRef ref) {
+  const Job& job = core.ledger().jobs()[ref.job];
+  if (job.deleted || job.failed >= 0 || job.tasks[ref.task].state != TaskState::kReady) return;
+  const int ready_before = core.ledger().ready().count();
+  core.ledger().ready().Add(ref, job.tasks[ref.task]);
+  WakeWorkers(core, core.ledger().ready().count() - ready_before, core.ledger().newly_ready().size());
+}
+
+// The next tasks to check. Needs the core's mutex.
+std::vector<KnownResult> TakeSetAside(DispatchCore& core) {
+  std::vector<KnownResult> known;
+  std::vector<TaskRef>& all = core.set_aside();
+  for (; known.size() < kCheckedAtOnce && !all.empty(); all.pop_back()) {
+    const TaskRef ref = all.back();
+    if (MayReuse(core.ledger(), ref)) {
+      known.push_back({ref, *core.ledger().results().Find(*core.ledger().task(ref).key)});
+    } else {
+      PutBack(core, ref);
+    }
+  }
+  return known;
+}
+
+// Completes the task, or makes it ready. `lost`: a blob of the result is not stored. Needs the core's mutex.
+void Decide(DispatchCore& core, const KnownResult& known, bool lost) {
+  const bool same = MayReuse(core.ledger(), known.ref) &&
+                    *core.ledger().results().Find(*core.ledger().task(known.ref).key) == known.outputs;
+  if (!same) return PutBack(core, known.ref);
+  const Sha256 key = *core.ledger().task(known.ref).key;
+  v1::Record record;
+  v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();
+  succeeded.set_task(TaskName(known.ref));
+  succeeded.set_key(key.Hex());
+  succeeded.set_reused(true);
+  AddFiles(known.outputs, succeeded.mutable_outputs());
+  if (!lost && core.Commit(record).ok()) return;
+  core.ledger().results().Forget(key);
+  PutBack(core, known.ref);
+}
+
+}  // namespace
 
 bool MayReuse(Ledger& ledger, TaskRef ref) {
   if (ledger.jobs()[ref.job].deleted) return false;
@@ -17,32 +71,38 @@ bool MayReuse(Ledger& ledger, TaskRef ref) {
   return outputs != nullptr && (!task.remaking || *outputs == task.outputs);
 }
 
-Status Reuse(DispatchCore& core, TaskRef ref) {
-  const std::shared_lock refers(core.blob_use().mutex);
-  Sha256 key;
-  absl::InlinedVector<StoredFile, 1> outputs;
-  {
-    std::lock_guard lock(core.mutex());
-    if (!MayReuse(core.ledger(), ref)) return absl::OkStatus();
-    key = *core.ledger().task(ref).key;
-    outputs = *core.ledger().results().Find(key);
+void SetAside(DispatchCore& core, TaskRef ref) {
+  core.ledger().ready().Remove(ref, core.ledger().task(ref));
+  core.set_aside().push_back(ref);
+}
+
+bool ReuseResults(DispatchCore& core) {
+  for (bool any = false;; any = true) {
+    {
+      std::lock_guard lock(core.mutex());
+      if (core.set_aside().empty()) return any;
+    }
+    const std::shared_lock refers(core.blob_use().mutex);  // found blobs stay until Commit refers to them
+    std::vector<KnownResult> known;
+    {
+      std::lock_guard lock(core.mutex());
+      known = TakeSetAside(core);
+    }
+    std::vector<Digest> digests;
+    for (const KnownResult& each : known) {
+      for (const StoredFile& output : each.outputs) digests.push_back(output.digest());
+    }
+    const std::vector<Status> stored = core.environment().blobs->StatMany(digests);
+    auto status = stored.begin();
+    for (const KnownResult& each : known) {
+      bool lost = false;
+      for (size_t i = 0; i < each.outputs.size(); ++i, ++status) {
+        lost = lost || absl::IsNotFound(*status) || absl::IsInvalidArgument(*status);
+      }
+      std::lock_guard lock(core.mutex());
+      Decide(core, each, lost);
+    }
   }
-  const bool stored = std::all_of(outputs.begin(), outputs.end(), [&](const StoredFile& output) {
-    return core.environment().blobs->Has(output.digest());
-  });
-  std::lock_guard lock(core.mutex());
-  if (!MayReuse(core.ledger(), ref)) return absl::OkStatus();
-  if (!stored) {
-    core.ledger().results().Forget(key);
-    return absl::OkStatus();
-  }
-  v1::Record record;
-  v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();
-  succeeded.set_task(TaskName(ref));
-  succeeded.set_key(key.Hex());
-  succeeded.set_reused(true);
-  AddFiles(outputs, succeeded.mutable_outputs());
-  return core.Commit(record);
 }
 
 }  // namespace tessera

@@ -19,6 +19,7 @@ constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
 constexpr std::chrono::milliseconds kRetryInterval{500};  // interval of retries for a waiting call
 constexpr size_t kServedAtOnce = 16;                      // calls served per hold of the mutex
+constexpr int kSetAsideAtOnce = 64;                       // tasks with known results per try
 
 // The lease of the task, without its number of threads. Needs the core's mutex.
 StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
@@ -84,8 +85,9 @@ StatusOr<std::optional<GrantedLease>> Leases::GrantedBeforeLocked(const std::str
 
 // The outcome of one try to serve a call.
 struct Leases::Try {
-  bool waits = false;            // no task for it now
-  std::optional<TaskRef> reuse;  // task with a known result, to complete before the next try
+  bool waits = false;      // no task for it now
+  bool at_once = false;    // it waits only until the mutex was free for others
+  bool set_aside = false;  // tasks with known results were set aside, so the planning loop must check them
   LeaseAnswer answer = std::nullopt;
   TaskRef granted = {};  // the leased task; task -1: none
   bool is_new = false;   // the call started the attempt; false: it repeats an earlier lease
@@ -125,13 +127,21 @@ Leases::Try Leases::TryLocked(const LeaseCall& call) {
   Placement placement;
   // No leases while the journal fails: the worker would not get the lease and would count as silent.
   if (journal_.trouble().ok()) {
-    placement = PlaceTask(ledger_, leases_, call.worker, waited_s, environment_.clock->MonotonicUs());
+    const auto place = [&] {
+      placement = PlaceTask(ledger_, leases_, call.worker, waited_s, environment_.clock->MonotonicUs());
+      return placement.task && MayReuse(ledger_, *placement.task);
+    };
+    for (int aside = 0; place(); ++aside) {
+      tried.at_once = aside == kSetAsideAtOnce;
+      if (tried.at_once) break;
+      SetAside(core_, *placement.task);
+      tried.set_aside = true;
+    }
   }
-  const std::optional<TaskRef> ref = placement.task;
+  const std::optional<TaskRef> ref = tried.at_once ? std::nullopt : placement.task;
   if (!placement.left_to_others && ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
-  if (!ref || MayReuse(ledger_, *ref)) {
-    tried.reuse = ref;
-    tried.waits = ref || now < call.until;
+  if (!ref) {
+    tried.waits = tried.at_once || now < call.until;
     return tried;
   }
   auto granted = GrantLocked(*ref, call.worker);
@@ -179,9 +189,12 @@ void Leases::LeaseTask(LeaseCall call) {
     std::lock_guard lock(mutex_);
     earlier = waiting_.Take(call.worker);
     tried = TryLocked(call);
-    if (tried.waits) waiting_.Add(call, tried.reuse ? call.asked : std::min(call.until, call.asked + kRetryInterval));
+    if (tried.waits) {
+      waiting_.Add(call, tried.at_once ? call.asked : std::min(call.until, call.asked + kRetryInterval));
+    }
     waiting_.Notify();
   }
+  if (tried.set_aside) events_.advance_soon();
   if (earlier) earlier->done(absl::AbortedError("replaced by a later call of " + call.worker + " for a task"));
   if (!tried.waits) Answer(std::move(call), std::move(tried));
 }
@@ -196,26 +209,24 @@ void Leases::ServeWaiting() {
   while (const std::optional<LeaseCall::Time> due = waiting_.AwaitDue(lock)) {
     const LeaseCall::Time now = *due;
     std::vector<std::pair<LeaseCall, Try>> ends;
-    std::optional<TaskRef> reuse;
-    while (!reuse && ends.size() < kServedAtOnce) {
+    bool set_aside = false, at_once = false;
+    while (!at_once && ends.size() < kServedAtOnce) {
       std::optional<LeaseCall> call = waiting_.TakeDue(now);
       if (!call) break;
       Try tried = TryLocked(*call);
-      reuse = tried.reuse;
+      set_aside = set_aside || tried.set_aside;
+      at_once = tried.at_once;
       if (tried.waits) {
         // Short intervals, because a retry delay may end or a lease expire.
-        const auto next_try = reuse ? now : std::min(call->until, now + kRetryInterval);
-        waiting_.Add(*std::move(call), next_try);
+        waiting_.Add(*std::move(call), at_once ? now : std::min(call->until, now + kRetryInterval));
       } else {
         ends.emplace_back(*std::move(call), std::move(tried));
       }
     }
     lock.unlock();
     for (auto& [call, tried] : ends) Answer(std::move(call), std::move(tried));
-    const bool reused = !reuse || Reuse(core_, *reuse).ok();
-    if (reuse) events_.advance_soon();
+    if (set_aside) events_.advance_soon();
     lock.lock();
-    if (!reused) ledger_.results().Forget(*ledger_.task(*reuse).key);  // a worker computes it
   }
 }
 

@@ -1,7 +1,6 @@
 #include "server/leases/leases.h"
 
 #include <algorithm>
-#include <shared_mutex>
 #include <utility>
 
 #include "common/base/json_bounds.h"
@@ -127,13 +126,7 @@ Status Leases::Expire() {
 
 Status Leases::HandleSuccess(const std::string& worker, const std::string& task, int attempt,
                              const ReportedResult& result) {
-  const std::shared_lock refers(core_.blob_use().mutex);
-  TaskFailure not_stored;
-  for (const NamedDigest& output : result.outputs) {
-    TESSERA_RETURN_IF_ERROR(CheckDigest(output.digest));
-    if (environment_.blobs->Has(output.digest)) continue;
-    not_stored = {ErrorClass::kInternal, "output " + output.name + " was reported but is not stored"};
-  }
+  for (const NamedDigest& output : result.outputs) TESSERA_RETURN_IF_ERROR(CheckDigest(output.digest));
   {
     std::lock_guard lock(mutex_);
     MarkSeen(core_, worker).IgnoreError();  // the attempt number decides
@@ -159,7 +152,7 @@ Status Leases::HandleSuccess(const std::string& worker, const std::string& task,
     succeeded.mutable_usage()->set_peak_bytes(result.usage.peak_bytes);
     succeeded.mutable_usage()->set_threads(result.usage.threads);
     AddFiles(result.outputs, succeeded.mutable_outputs());
-    TaskFailure failure = not_stored;
+    TaskFailure failure;
     if (const std::string missing = MissingOutput(ledger_.jobs()[ref.job], ref.task, result.outputs);
         !missing.empty()) {
       failure = {ErrorClass::kInternal, missing};

@@ -74,7 +74,8 @@ class Leases {
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<ReportedProgress>& tasks);
 
   // Refusal::kNotCurrent if the attempt is not the current one; a repeated report is OK. Statistics that are too large
-  // or too deep give INVALID_ARGUMENT and end the attempt as failed.
+  // or too deep give INVALID_ARGUMENT and end the attempt as failed. Whether the outputs are stored is not checked: the
+  // reader of a missing blob reports it.
   void ReportSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result,
                      Done done);
   void ReportFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure,

@@ -175,7 +175,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
         LogEvent(LogLevel::kError, "token file not read: the earlier tokens stay valid", {{"error", last_refreshed}});
       }
     }
-    const Status status = coordinator->Tick();
+    const Status status = coordinator->TickInBackground();
     const std::string error = status.ok() ? "" : status.ToString();
     // Log each error once, not at every tick.
     if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "planning failed", {{"error", error}});

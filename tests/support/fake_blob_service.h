@@ -4,9 +4,12 @@
 #include <grpcpp/grpcpp.h>
 
 #include <algorithm>
+#include <chrono>
+#include <condition_variable>
 #include <map>
 #include <mutex>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "common/storage/hash.h"
@@ -53,6 +56,25 @@ class FakeBlobService : public v1::Blobs::Service {
     std::lock_guard lock(mutex_);
     uploads_to_refuse_ = count;
   }
+  // Streams of this blob are refused with PERMISSION_DENIED, once so many were refused before (20 s at most).
+  void Forbid(const Digest& digest, int after = 0) {
+    std::lock_guard lock(mutex_);
+    forbidden_[digest.sha256] = after;
+  }
+  // The first streams wait until so many are open, 20 s at most.
+  void GatherStreams(int streams) {
+    std::lock_guard lock(mutex_);
+    gathers_ = streams;
+  }
+  // Each stream waits this long before its first chunk.
+  void DelayStreams(std::chrono::milliseconds delay) {
+    std::lock_guard lock(mutex_);
+    delay_ = delay;
+  }
+  int most_streams_at_once() {
+    std::lock_guard lock(mutex_);
+    return most_open_;
+  }
   // Offsets that streams started from.
   std::vector<int64_t> read_offsets() {
     std::lock_guard lock(mutex_);
@@ -65,6 +87,8 @@ class FakeBlobService : public v1::Blobs::Service {
 
   grpc::Status ReadBlob(grpc::ServerContext*, const v1::ReadBlobRequest* request,
                         grpc::ServerWriter<v1::BlobChunk>* writer) override {
+    if (IsForbidden(request->digest().sha256())) return grpc::Status(grpc::StatusCode::PERMISSION_DENIED, "not yours");
+    const OpenStream open(*this);
     std::string bytes;
     {
       std::lock_guard lock(mutex_);
@@ -94,6 +118,7 @@ class FakeBlobService : public v1::Blobs::Service {
 
   grpc::Status WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1::WriteBlobRequest>* reader,
                          v1::WriteBlobResponse* response) override {
+    const OpenStream open(*this);
     v1::WriteBlobRequest request;
     std::string sha256;
     int64_t size_bytes = 0;
@@ -148,6 +173,36 @@ class FakeBlobService : public v1::Blobs::Service {
   }
 
  private:
+  class OpenStream {
+   public:
+    explicit OpenStream(FakeBlobService& service) : service_(service) {
+      std::unique_lock lock(service_.mutex_);
+      service_.most_open_ = std::max(service_.most_open_, ++service_.open_);
+      service_.changed_.notify_all();
+      service_.changed_.wait_for(lock, std::chrono::seconds(20),
+                                 [&] { return service_.most_open_ >= service_.gathers_; });
+      const auto delay = service_.delay_;
+      lock.unlock();
+      std::this_thread::sleep_for(delay);
+    }
+    ~OpenStream() {
+      std::lock_guard lock(service_.mutex_);
+      --service_.open_;
+    }
+
+   private:
+    FakeBlobService& service_;
+  };
+  bool IsForbidden(const std::string& sha256) {
+    std::unique_lock lock(mutex_);
+    const auto forbidden = forbidden_.find(sha256);
+    if (forbidden == forbidden_.end()) return false;
+    const int after = forbidden->second;
+    changed_.wait_for(lock, std::chrono::seconds(20), [&] { return refused_ >= after; });
+    ++refused_;
+    changed_.notify_all();
+    return true;
+  }
   bool Breaks(int chunks) {
     std::lock_guard lock(mutex_);
     if (streams_to_break_ == 0 || chunks < chunks_before_break_) return false;
@@ -156,6 +211,10 @@ class FakeBlobService : public v1::Blobs::Service {
   }
 
   std::mutex mutex_;
+  std::condition_variable changed_;
+  std::map<std::string, int> forbidden_;  // by SHA-256: refused before
+  int refused_ = 0, gathers_ = 0, open_ = 0, most_open_ = 0;
+  std::chrono::milliseconds delay_{0};
   std::map<std::string, std::string> blobs_;
   std::map<std::string, std::string> partial_;
   int streams_to_break_ = 0;

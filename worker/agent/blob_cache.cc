@@ -8,6 +8,25 @@
 
 namespace tessera {
 
+// Waits until no other call works on the blob, and keeps others waiting until destroyed. The lock must be held then.
+class BlobCache::Turn {
+ public:
+  Turn(BlobCache& cache, const std::string& sha256, std::unique_lock<std::mutex>& lock)
+      : cache_(cache), sha256_(sha256) {
+    cache_.changed_.wait(lock, [&] { return cache_.busy_.insert(sha256_).second; });
+  }
+  ~Turn() {
+    cache_.busy_.erase(sha256_);
+    cache_.changed_.notify_all();
+  }
+  Turn(const Turn&) = delete;
+  Turn& operator=(const Turn&) = delete;
+
+ private:
+  BlobCache& cache_;
+  const std::string sha256_;
+};
+
 StatusOr<std::unique_ptr<BlobCache>> BlobCache::Open(const std::string& root, int64_t max_bytes) {
   TESSERA_ASSIGN_OR_RETURN(auto store, FolderBlobs::Open(root));
   auto cache = std::unique_ptr<BlobCache>(new BlobCache(std::move(store), max_bytes));
@@ -19,26 +38,47 @@ StatusOr<std::unique_ptr<BlobCache>> BlobCache::Open(const std::string& root, in
   }
   std::sort(found.begin(), found.end(), [](const BlobEntry& a, const BlobEntry& b) { return a.since_us < b.since_us; });
   for (const BlobEntry& entry : found) {
-    cache->Insert({entry.sha256, entry.size_bytes});
+    cache->InsertLocked({entry.sha256, entry.size_bytes});
     cache->entries_[entry.sha256].stamp = {};
   }
-  cache->MakeRoom(0);
+  cache->MakeRoomLocked(0);
   return cache;
+}
+
+int64_t BlobCache::size_bytes() const {
+  std::lock_guard lock(mutex_);
+  return size_bytes_;
+}
+
+bool BlobCache::Holds(const Digest& digest) const {
+  std::lock_guard lock(mutex_);
+  return entries_.contains(digest.sha256);
 }
 
 StatusOr<std::string> BlobCache::Get(const Digest& digest, const Fetcher& fetch) {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  std::unique_lock lock(mutex_);
+  const bool in_use = !in_use_.insert(digest.sha256).second;
+  const Turn turn(*this, digest.sha256, lock);
   const auto entry = entries_.find(digest.sha256);
   if (entry != entries_.end()) {
     const auto stamp = StampOf(PathOf(digest));
-    const bool known = stamp.ok() && *stamp == entry->second.stamp;
-    if (!known && !store_->Verify(digest).ok()) Remove(digest.sha256);
+    if (!stamp.ok() || !(*stamp == entry->second.stamp)) {
+      lock.unlock();
+      const bool intact = store_->Verify(digest).ok();
+      lock.lock();
+      if (!intact) RemoveLocked(digest.sha256);
+    }
   }
-  const bool in_use = !in_use_.insert(digest.sha256).second;
   if (!entries_.contains(digest.sha256)) {
-    MakeRoom(digest.size_bytes);
-    TESSERA_RETURN_IF_ERROR(fetch(digest, *store_));
-    Insert(digest);
+    MakeRoomLocked(digest.size_bytes);
+    incoming_bytes_ += digest.size_bytes;
+    lock.unlock();
+    const Status fetched = fetch(digest, *store_);
+    lock.lock();
+    incoming_bytes_ -= digest.size_bytes;
+    TESSERA_RETURN_IF_ERROR(fetched);
+    InsertLocked(digest);
   }
   entries_[digest.sha256].last_use = ++uses_;
   if (!in_use) store_->Touch(digest).IgnoreError();  // the time gives the next process the order of use
@@ -48,27 +88,35 @@ StatusOr<std::string> BlobCache::Get(const Digest& digest, const Fetcher& fetch)
 
 Status BlobCache::Adopt(const std::string& path, const Digest& digest) {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  std::unique_lock lock(mutex_);
+  const Turn turn(*this, digest.sha256, lock);
   if (entries_.contains(digest.sha256)) return RemoveTree(path);
-  MakeRoom(digest.size_bytes);
-  TESSERA_ASSIGN_OR_RETURN(const Digest found, store_->MoveFile(path));
-  Insert(found);
+  MakeRoomLocked(digest.size_bytes);
+  incoming_bytes_ += digest.size_bytes;
+  lock.unlock();
+  const StatusOr<Digest> found = store_->MoveFile(path);
+  lock.lock();
+  incoming_bytes_ -= digest.size_bytes;
+  TESSERA_RETURN_IF_ERROR(found.status());
+  InsertLocked(*found);
   return absl::OkStatus();
 }
 
 void BlobCache::Release() {
+  std::lock_guard lock(mutex_);
   in_use_.clear();
-  MakeRoom(0);
+  MakeRoomLocked(0);
 }
 
 // Tasks read the files directly.
 std::string BlobCache::PathOf(const Digest& digest) const { return *store_->LocalPath(digest); }
 
-void BlobCache::Insert(const Digest& digest) {
+void BlobCache::InsertLocked(const Digest& digest) {
   entries_[digest.sha256] = {digest.size_bytes, ++uses_, StampOf(PathOf(digest)).value_or(FileStamp())};
   size_bytes_ += digest.size_bytes;
 }
 
-void BlobCache::Remove(const std::string& sha256) {
+void BlobCache::RemoveLocked(const std::string& sha256) {
   const auto entry = entries_.find(sha256);
   if (entry == entries_.end()) return;
   // The next process finds a blob that could not be removed.
@@ -79,15 +127,15 @@ void BlobCache::Remove(const std::string& sha256) {
   entries_.erase(entry);
 }
 
-void BlobCache::MakeRoom(int64_t incoming_bytes) {
-  while (size_bytes_ + incoming_bytes > max_bytes_) {
+void BlobCache::MakeRoomLocked(int64_t incoming_bytes) {
+  while (size_bytes_ + incoming_bytes_ + incoming_bytes > max_bytes_) {
     auto oldest = entries_.end();
     for (auto entry = entries_.begin(); entry != entries_.end(); ++entry) {
-      if (in_use_.contains(entry->first)) continue;
+      if (in_use_.contains(entry->first) || busy_.contains(entry->first)) continue;
       if (oldest == entries_.end() || entry->second.last_use < oldest->second.last_use) oldest = entry;
     }
     if (oldest == entries_.end()) return;
-    Remove(std::string(oldest->first));
+    RemoveLocked(std::string(oldest->first));
   }
 }
 

@@ -3,9 +3,15 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
+#include <limits>
 #include <set>
+#include <utility>
+
+#include "common/base/parallel.h"
 
 namespace tessera {
 namespace {
@@ -30,18 +36,71 @@ Failure WhyNotBrought(const TaskInput& input, const Status& status) {
 // Whether the store may accept the output later: it is full, or its folder cannot be written now.
 bool MayPass(const Status& status) { return IsFileError(status) || absl::IsResourceExhausted(status); }
 
-// Reports the transferred share of one file as part of the stage, so that a long transfer shows progress. `control`
-// must outlive the result.
-TaskControl Moving(const TaskControl& control, double fraction, const std::string& stage) {
-  TaskControl moving;
-  moving.cancelled = control.cancelled;
-  moving.report = [&control, fraction, stage](double share, const std::string&) {
-    char percent[32];
-    std::snprintf(percent, sizeof(percent), " (%.1f %%)", 100 * share);
-    control.Report(fraction, stage + percent);
-  };
-  return moving;
-}
+// Several files that are moved at once. Reports them as one stage ("fetching inputs: 3 of 50, 1.2 of 10.0 MB"), so that
+// a long transfer shows progress, and cancels the files after one that failed. Thread-safe.
+class FileMoves {
+ public:
+  // `control` must outlive this. `fraction`: of the task.
+  FileMoves(const TaskControl& control, double fraction, std::string stage, std::vector<int64_t> sizes)
+      : control_(control),
+        fraction_(fraction),
+        stage_(std::move(stage)),
+        sizes_(std::move(sizes)),
+        moved_(sizes_.size()) {
+    for (const int64_t bytes : sizes_) all_bytes_ += bytes;
+  }
+
+  // Calls move(i) for each file. It returns whether the files after it are still needed.
+  void ForEach(const std::function<bool(int64_t i)>& move) {
+    ConcurrentForEach(static_cast<int64_t>(sizes_.size()), BlobStore::kCallsAtOnce, [&](int64_t i) {
+      if (IsCancelled(i)) return;
+      SetMoved(i, 0, 0);
+      if (move(i)) return SetMoved(i, 1, 1);
+      for (int64_t first = failed_; i < first && !failed_.compare_exchange_weak(first, i);) {
+      }
+    });
+  }
+
+  // The control of a file, whose reported fraction is its moved share.
+  TaskControl Of(int64_t i) {
+    TaskControl control;
+    control.cancelled = [this, i] { return IsCancelled(i); };
+    control.report = [this, i](double share, const std::string&) { SetMoved(i, share, 0); };
+    return control;
+  }
+  void Report(const std::string& stage) {
+    std::lock_guard lock(mutex_);
+    control_.Report(fraction_, stage);
+  }
+
+ private:
+  bool IsCancelled(int64_t i) {
+    if (failed_ < i) return true;
+    std::lock_guard lock(mutex_);
+    return !control_.Check().ok();
+  }
+  void SetMoved(int64_t i, double share, int done) {
+    std::lock_guard lock(mutex_);
+    const auto bytes = static_cast<int64_t>(share * static_cast<double>(sizes_[i]));
+    moved_bytes_ += bytes - std::exchange(moved_[i], bytes);
+    done_ += done;
+    char numbers[96];
+    std::snprintf(numbers, sizeof(numbers), ": %d of %zu, %.1f of %.1f MB", done_, sizes_.size(),
+                  static_cast<double>(moved_bytes_) / 1e6, static_cast<double>(all_bytes_) / 1e6);
+    control_.Report(fraction_, stage_ + numbers);
+  }
+
+  const TaskControl& control_;
+  const double fraction_;
+  const std::string stage_;
+  const std::vector<int64_t> sizes_;
+  int64_t all_bytes_ = 0;
+  std::atomic<int64_t> failed_ = std::numeric_limits<int64_t>::max();  // the first file that failed
+  std::mutex mutex_;                                                   // of the members below and of calls of control_
+  std::vector<int64_t> moved_;                                         // bytes
+  int64_t moved_bytes_ = 0;
+  int done_ = 0;
+};
 
 }  // namespace
 
@@ -64,40 +123,53 @@ bool TaskFiles::Probe(const Registration& registration) {
   return true;
 }
 
-bool TaskFiles::ReadableAt(const std::string& path, const Digest& digest) {
-  const auto stamp = StampOf(path);
-  if (!stamp.ok() || stamp->size_bytes != digest.size_bytes) return false;
+std::optional<Digest> TaskFiles::VerifiedAt(const std::string& path, const FileStamp& stamp) {
+  std::lock_guard lock(verified_mutex_);
   const auto known = verified_.find(path);
-  if (known == verified_.end() || !(known->second.stamp == *stamp)) {
+  if (known == verified_.end() || !(known->second.stamp == stamp)) return std::nullopt;
+  return known->second.digest;
+}
+
+void TaskFiles::NoteVerified(const std::string& path, const FileStamp& stamp, const Digest& digest) {
+  std::lock_guard lock(verified_mutex_);
+  verified_[path] = {stamp, digest};
+}
+
+std::optional<TaskFiles::UsedFile> TaskFiles::ReadableAt(const std::string& path, const Digest& digest) {
+  const auto stamp = StampOf(path);
+  if (!stamp.ok() || stamp->size_bytes != digest.size_bytes) return std::nullopt;
+  std::optional<Digest> content = VerifiedAt(path, *stamp);
+  if (!content) {
     const auto found = HashFile(path);
-    if (!found.ok()) return false;
+    if (!found.ok()) return std::nullopt;
     const auto after = StampOf(path);
-    if (!after.ok() || !(*after == *stamp)) return false;  // changed while it was read
-    verified_[path] = {*stamp, *found};
+    if (!after.ok() || !(*after == *stamp)) return std::nullopt;  // changed while it was read
+    NoteVerified(path, *stamp, *found);
+    content = *found;
   }
-  if (verified_[path].digest != digest) return false;
-  in_use_.push_back({path, *stamp, digest});
-  return true;
+  if (*content != digest) return std::nullopt;
+  return UsedFile{path, *stamp, digest};
 }
 
 std::string TaskFiles::SharedPath(const Digest& digest) const {
   return shared_blobs_ == nullptr ? "" : shared_blobs_->LocalPath(digest).value_or("");
 }
 
-StatusOr<std::string> TaskFiles::Locate(const TaskInput& input, const TaskControl& control) {
+StatusOr<TaskFiles::UsedFile> TaskFiles::Locate(const TaskInput& input, const TaskControl& control) {
   if (const Status named = CheckDigest(input.digest); !named.ok()) {
     return AsStatus(FailureClass::kInput, MessageOf(named));
   }
-  if (use_shared_storage_ && !input.shared_path.empty() && ReadableAt(input.shared_path, input.digest)) {
-    return input.shared_path;
+  if (use_shared_storage_ && !input.shared_path.empty()) {
+    if (auto file = ReadableAt(input.shared_path, input.digest)) return *std::move(file);
   }
-  if (const std::string path = SharedPath(input.digest); !path.empty() && ReadableAt(path, input.digest)) return path;
+  if (const std::string path = SharedPath(input.digest); !path.empty()) {
+    if (auto file = ReadableAt(path, input.digest)) return *std::move(file);
+  }
   const auto cached = cache_->Get(
       input.digest, [&](const Digest& digest, BlobStore& store) { return blobs_.Fetch(digest, store, control); });
-  if (absl::IsCancelled(cached.status())) return cached;
+  if (absl::IsCancelled(cached.status())) return cached.status();
   if (!cached.ok()) return AsStatus(WhyNotBrought(input, cached.status()));
-  in_use_.push_back({*cached, StampOf(*cached).value_or(FileStamp()), input.digest});
-  return *cached;
+  return UsedFile{*cached, StampOf(*cached).value_or(FileStamp()), input.digest};
 }
 
 Status TaskFiles::Link(const std::string& file, const std::string& link, bool is_blob) {
@@ -116,32 +188,44 @@ Status TaskFiles::Link(const std::string& file, const std::string& link, bool is
 Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir,
                               const TaskControl& control) {
   in_use_.clear();
-  std::set<std::string> links, folders;
-  Failure lost;
+  std::vector<std::string> links;
+  std::vector<int64_t> sizes;
+  std::set<std::string> names, folders;
   for (const TaskInput& input : inputs) {
-    TESSERA_RETURN_IF_ERROR(control.Check());
     const auto link = JoinInside(input_dir, input.name);
     if (!link.ok()) return AsStatus(FailureClass::kInput, MessageOf(link.status()));
-    const TaskControl moving = Moving(control, 0, "fetching " + input.name);
-    moving.Report(0, "");
-    const StatusOr<std::string> file = Locate(input, moving);
-    if (const Failure failure = FailureOf(file.status()); failure.failure_class == FailureClass::kLostInput) {
-      if (lost.lost_inputs.empty()) lost = {FailureClass::kLostInput, failure.message};
-      lost.lost_inputs.push_back(input.digest);
-      continue;  // all lost inputs are reported together
-    }
-    if (!file.ok()) return file.status();
-    if (!links.insert(*link).second) {
+    if (!names.insert(*link).second) {
       return AsStatus(FailureClass::kInput, "found two inputs of the same name: " + input.name);
     }
-    const std::string folder = std::filesystem::path(*link).parent_path().string();
+    links.push_back(*link);
+    sizes.push_back(input.digest.size_bytes);
+  }
+  std::vector<StatusOr<UsedFile>> found(inputs.size(), absl::CancelledError("cancelled"));
+  FileMoves moves(control, 0, "fetching inputs", std::move(sizes));
+  moves.ForEach([&](int64_t i) {
+    found[i] = Locate(inputs[i], moves.Of(i));
+    return found[i].ok() || FailureOf(found[i].status()).failure_class == FailureClass::kLostInput;
+  });
+  Failure lost;  // all lost inputs are reported together
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    if (found[i].ok()) continue;
+    const Failure failure = FailureOf(found[i].status());
+    if (failure.failure_class != FailureClass::kLostInput) return found[i].status();
+    if (lost.lost_inputs.empty()) lost = {FailureClass::kLostInput, failure.message};
+    lost.lost_inputs.push_back(inputs[i].digest);
+  }
+  if (!lost.lost_inputs.empty()) return AsStatus(lost);
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    const std::string folder = std::filesystem::path(links[i]).parent_path().string();
     if (folders.insert(folder).second) {
       const Status made = EnsureFolder(folder);
       if (!made.ok()) return AsStatus(FailureClass::kScratch, MessageOf(made));
     }
-    TESSERA_RETURN_IF_ERROR(Link(*file, *link, std::filesystem::path(*file).filename() == input.digest.sha256));
+    const bool is_blob = std::filesystem::path(found[i]->path).filename() == inputs[i].digest.sha256;
+    TESSERA_RETURN_IF_ERROR(Link(found[i]->path, links[i], is_blob));
+    in_use_.push_back(*std::move(found[i]));
   }
-  return lost.lost_inputs.empty() ? absl::OkStatus() : AsStatus(lost);
+  return absl::OkStatus();
 }
 
 Status TaskFiles::CheckInputs(bool read) {
@@ -167,7 +251,7 @@ StatusOr<Digest> TaskFiles::StoreOnce(const std::string& path, const TaskControl
     if (stored.ok()) {
       // Often an input of the next task: MoveFile has hashed it, so no second hash is needed.
       const std::string blob = SharedPath(*stored);
-      if (const auto stamp = StampOf(blob); stamp.ok()) verified_[blob] = {*stamp, *stored};
+      if (const auto stamp = StampOf(blob); stamp.ok()) NoteVerified(blob, *stamp, *stored);
     }
     if (stored.ok() || stored.status().code() != absl::StatusCode::kPermissionDenied) return stored;
   }
@@ -177,39 +261,50 @@ StatusOr<Digest> TaskFiles::StoreOnce(const std::string& path, const TaskControl
   return digest;
 }
 
-StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskControl& moving,
-                                        const TaskControl& control) {
+StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskControl& control,
+                                        const std::function<void(const std::string& stage)>& report) {
   Backoff backoff(storage_wait_.retry);
   for (double waited_s = 0;;) {
-    const auto stored = StoreOnce(path, moving);
+    const auto stored = StoreOnce(path, control);
     if (stored.ok() || !MayPass(stored.status()) || waited_s >= storage_wait_.limit_s) return stored;
     const double delay_s = backoff.NextDelay();
     waited_s += delay_s;
     char seconds[32];
     std::snprintf(seconds, sizeof(seconds), "%.0f", waited_s);
-    control.Report(1, "waiting for storage space since " + std::string(seconds) + " s: " + MessageOf(stored.status()));
+    report("waiting for storage space since " + std::string(seconds) + " s: " + MessageOf(stored.status()));
     if (!storage_wait_.sleeper(delay_s)) return absl::CancelledError("cancelled while waiting for storage space");
   }
 }
 
 StatusOr<std::vector<NamedDigest>> TaskFiles::StoreOutputs(const std::vector<std::string>& names,
                                                            const std::string& output_dir, const TaskControl& control) {
-  std::vector<NamedDigest> outputs;
+  std::vector<std::string> paths;
+  std::vector<int64_t> sizes;
+  std::set<std::string> known;
   for (const std::string& name : names) {
-    TESSERA_RETURN_IF_ERROR(control.Check());
     const auto path = JoinInside(output_dir, name);
-    if (!path.ok() || !FileExists(*path)) {
+    const auto stamp = path.ok() ? StampOf(*path) : StatusOr<FileStamp>(path.status());
+    if (!stamp.ok() || !known.insert(*path).second) {
       return AsStatus(FailureClass::kInternal, "the task did not write the output that it reported: " + name);
     }
-    const TaskControl moving = Moving(control, 1, "storing " + name);
-    moving.Report(0, "");
-    const auto digest = StoreOutput(*path, moving, control);
-    if (absl::IsCancelled(digest.status())) return digest.status();
-    if (!digest.ok()) {
-      return AsStatus(MayPass(digest.status()) ? FailureClass::kStorage : FailureClass::kPeer,
-                      "output " + name + ": " + MessageOf(digest.status()));
+    paths.push_back(*path);
+    sizes.push_back(stamp->size_bytes);
+  }
+  std::vector<StatusOr<Digest>> stored(names.size(), absl::CancelledError("cancelled"));
+  FileMoves moves(control, 1, "storing outputs", std::move(sizes));
+  moves.ForEach([&](int64_t i) {
+    stored[i] = StoreOutput(paths[i], moves.Of(i), [&](const std::string& stage) { moves.Report(stage); });
+    return stored[i].ok();
+  });
+  std::vector<NamedDigest> outputs;
+  for (size_t i = 0; i < names.size(); ++i) {
+    const Status& status = stored[i].status();
+    if (absl::IsCancelled(status)) return status;
+    if (!status.ok()) {
+      return AsStatus(MayPass(status) ? FailureClass::kStorage : FailureClass::kPeer,
+                      "output " + names[i] + ": " + MessageOf(status));
     }
-    outputs.push_back({name, *digest});
+    outputs.push_back({names[i], *stored[i]});
   }
   return outputs;
 }

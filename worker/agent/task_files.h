@@ -1,15 +1,18 @@
 // The files of a task: links its inputs into its folder and stores its outputs as blobs.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "common/base/retry.h"
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/rpc/blob_client.h"
-#include "common/base/retry.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
 #include "worker/agent/blob_cache.h"
@@ -24,7 +27,8 @@ std::string MessageOf(const Status& status);
 // An input is a link to the shared file, if that is readable and has the right content (hashed once per path, size and
 // change time), else to the cache, which is filled from the blob service. Blobs get hard links if possible, which are
 // faster than symbolic links; scene files get symbolic links. Outputs are moved to the shared blob folder if there is
-// one, else uploaded. Not thread-safe.
+// one, else uploaded. Several files are moved at once; results and errors do not depend on their order in time. Not
+// thread-safe.
 class TaskFiles {
  public:
   struct StorageWait {
@@ -45,7 +49,8 @@ class TaskFiles {
   // Tests whether this worker shares the blob folder that the registration names. True if it does.
   bool Probe(const Registration& registration);
 
-  // The calls below return Failures (failure.h), or CANCELLED by `control`.
+  // The calls below return Failures (failure.h), or CANCELLED by `control`. Of several failures they return that of the
+  // first file. `control` is called by one thread at a time.
 
   // Makes the link `input_dir`/NAME for every input; the folder must contain no files. kInput for names outside it;
   // kLostInput with all inputs that the coordinator lacks or that are damaged; kScratch if there is no local space.
@@ -76,18 +81,24 @@ class TaskFiles {
 
   // Path of the blob in the shared folder, whether it exists or not; empty if there is no such folder.
   std::string SharedPath(const Digest& digest) const;
-  // Path where the input may be read.
-  StatusOr<std::string> Locate(const TaskInput& input, const TaskControl& control);
-  bool ReadableAt(const std::string& path, const Digest& digest);
+  // Where the input may be read. Thread-safe, as all functions from here to StoreOutput but Link.
+  StatusOr<UsedFile> Locate(const TaskInput& input, const TaskControl& control);
+  std::optional<UsedFile> ReadableAt(const std::string& path, const Digest& digest);
+  // The content of a shared file, if it has been hashed since it changed last.
+  std::optional<Digest> VerifiedAt(const std::string& path, const FileStamp& stamp);
+  void NoteVerified(const std::string& path, const FileStamp& stamp, const Digest& digest);
   Status Link(const std::string& file, const std::string& link, bool is_blob);
   StatusOr<Digest> StoreOnce(const std::string& path, const TaskControl& control);
-  StatusOr<Digest> StoreOutput(const std::string& path, const TaskControl& moving, const TaskControl& control);
+  // Waits while the store is full. `report`: called with the stage meanwhile.
+  StatusOr<Digest> StoreOutput(const std::string& path, const TaskControl& control,
+                               const std::function<void(const std::string& stage)>& report);
 
   BlobClient blobs_;
   std::unique_ptr<BlobCache> cache_;
   const bool use_shared_storage_;
   const StorageWait storage_wait_;
-  std::unique_ptr<BlobStore> shared_blobs_;       // null: blob service only
+  std::unique_ptr<BlobStore> shared_blobs_;  // null: blob service only
+  std::mutex verified_mutex_;
   std::map<std::string, VerifiedFile> verified_;  // shared files, by path
   std::vector<UsedFile> in_use_;                  // inputs of the running task
   std::vector<std::string> links_;                // links to them

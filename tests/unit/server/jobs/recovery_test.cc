@@ -207,6 +207,29 @@ TEST_F(LostResultsTest, RepeatedLossFailsTheJob) {
                                            HasSubstr(blobs_->root())));
 }
 
+// A report is not checked. The first reader of a blob that was never stored finds that, and the job fails after some
+// attempts to make it.
+TEST_F(LostResultsTest, OutputsThatWereNeverStoredAreFoundByTheirReader) {
+  const std::string job = Create(Scene(1)), worker = Worker();
+  int turns = 0;
+  for (; turns < 100 && !HasEnded(Job(job).header.state); ++turns) {
+    const auto lease = Lease(worker);
+    if (lease && lease->plan.kind == "ingest") {
+      const ReportedResult result = Result(*lease);
+      fs::remove(*blobs_->LocalPath(result.outputs.at(1).digest));
+      ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, lease->task, lease->attempt, result).ok());
+      EXPECT_EQ(Task(job, 0).task.state, TaskState::kSucceeded);
+    } else if (lease) {
+      ASSERT_TRUE(ReportFailureAndWait(*coordinator_, worker, lease->task, lease->attempt,
+                                       {ErrorClass::kLostInput, "lost", {lease->inputs.at(0).file.digest}})
+                      .ok());
+    }
+  }
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_THAT(Job(job).header.error, HasSubstr("recomputed 5 times by 'read the scene' of jobs/1 and lost every"));
+  EXPECT_LE(turns, 2 * (1 + options_.retry.max_remakes));
+}
+
 TEST_F(LostResultsTest, ChangedSceneFileIsNamed) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/scene.json", "[]").ok());

@@ -2,8 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <latch>
 #include <string>
 
+#include "common/base/parallel.h"
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -101,6 +104,59 @@ TEST_F(BlobCacheTest, AdoptsAFile) {
   EXPECT_FALSE(FileExists(file));
   Get('a');
   EXPECT_EQ(fetches_, 0);
+}
+
+TEST_F(BlobCacheTest, DifferentBlobsAreFetchedAtOnceAndTheSameOneOnce) {
+  Open(1 << 20);
+  constexpr int kThreads = 8;
+  std::latch all_fetch(kThreads / 2);
+  std::atomic<int> fetches = 0;
+  ConcurrentForEach(kThreads, kThreads, [&](int64_t i) {
+    const char name = static_cast<char>('a' + i / 2);
+    const auto path = cache_->Get(DigestOf(name), [&](const Digest& digest, BlobStore& store) {
+      ++fetches;
+      all_fetch.arrive_and_wait();  // returns only if the others fetch meanwhile
+      TESSERA_RETURN_IF_ERROR(store.Append(digest, 0, Content(name)).status());
+      return store.Complete(digest);
+    });
+    EXPECT_TRUE(path.ok() && ReadFile(*path).value_or("") == Content(name)) << path.status();
+  });
+  EXPECT_EQ(fetches, kThreads / 2);
+  EXPECT_EQ(cache_->size_bytes(), 400 * kThreads / 2);
+}
+
+TEST_F(BlobCacheTest, BlobThatAnotherCallFailedToFetchIsFetchedAgain) {
+  std::atomic<int> fetches = 0, stored = 0;
+  ConcurrentForEach(2, 2, [&](int64_t) {
+    const auto path = cache_->Get(DigestOf('a'), [&](const Digest& digest, BlobStore& store) -> Status {
+      if (++fetches == 1) return absl::UnavailableError("the first one fails");
+      TESSERA_RETURN_IF_ERROR(store.Append(digest, 0, Content('a')).status());
+      return store.Complete(digest);
+    });
+    stored += path.ok();
+  });
+  EXPECT_EQ(fetches, 2);
+  EXPECT_EQ(stored, 1);
+  EXPECT_TRUE(cache_->Holds(DigestOf('a')));
+}
+
+TEST_F(BlobCacheTest, BlobsBeingFetchedCountForTheLimit) {
+  Get('a');
+  Get('b');
+  // 'c' and 'd' are both in flight when the second makes room: 'a' and 'b' go.
+  std::latch both_fetch(2);
+  ConcurrentForEach(2, 2, [&](int64_t i) {
+    const char name = static_cast<char>('c' + i);
+    const auto path = cache_->Get(DigestOf(name), [&](const Digest& digest, BlobStore& store) {
+      both_fetch.arrive_and_wait();
+      TESSERA_RETURN_IF_ERROR(store.Append(digest, 0, Content(name)).status());
+      return store.Complete(digest);
+    });
+    EXPECT_TRUE(path.ok()) << path.status();
+  });
+  EXPECT_FALSE(cache_->Holds(DigestOf('a')));
+  EXPECT_FALSE(cache_->Holds(DigestOf('b')));
+  EXPECT_EQ(cache_->size_bytes(), 800);
 }
 
 }  // namespace

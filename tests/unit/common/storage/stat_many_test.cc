@@ -1,0 +1,35 @@
+#include <gtest/gtest.h>
+
+#include <future>
+
+#include "tests/support/memory_blobs.h"
+#include "tests/support/watched_blobs.h"
+
+namespace tessera {
+namespace {
+
+TEST(StatMany, AsksAboutSeveralBlobsAtOnceAndAnswersInOrder) {
+  MemoryBlobs memory;
+  WatchedBlobs blobs(&memory);
+  std::vector<Digest> digests;
+  for (int i = 0; i < 50; ++i) {
+    const std::string content = std::to_string(i);
+    digests.push_back({Sha256Hex(content), static_cast<int64_t>(content.size())});
+    if (i % 3 > 0) ASSERT_TRUE(memory.PutBytes(content).ok());
+  }
+  blobs.Hold();
+  auto found = std::async(std::launch::async, [&] { return blobs.StatMany(digests); });
+  EXPECT_TRUE(blobs.AwaitHeld(BlobStore::kCallsAtOnce));
+  blobs.Release();
+  const std::vector<Status> stored = found.get();
+  ASSERT_EQ(stored.size(), digests.size());
+  for (int i = 0; i < 50; ++i) {
+    EXPECT_EQ(stored[i].code(), i % 3 > 0 ? absl::StatusCode::kOk : absl::StatusCode::kNotFound) << i;
+  }
+  EXPECT_EQ(blobs.most_at_once(), BlobStore::kCallsAtOnce);
+  EXPECT_EQ(blobs.calls(), 50);
+  EXPECT_TRUE(blobs.StatMany({}).empty());
+}
+
+}  // namespace
+}  // namespace tessera
