@@ -135,7 +135,7 @@ StatusOr<S3Page> ParseS3Listing(const std::string& xml) {
       return InputError(kAnswer, "", "too many objects", absl::StrCat("at most ", kMaxEntries));
     }
     const AnswerReader reader(node, &faults);
-    page.objects.push_back({reader.Key(encoded), reader.Size(), reader.Time("LastModified"), reader.Etag()});
+    page.objects.push_back({reader.Key(encoded), reader.Size(), reader.Time("LastModified"), reader.Etag(), ""});
   }
   if (IsTruncated(root)) page.next = AnswerReader(root, &faults).Text("NextContinuationToken");
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());

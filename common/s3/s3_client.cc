@@ -159,7 +159,8 @@ StatusOr<S3Object> S3Client::Head(const std::string& key) {
     return absl::InternalError(impl_->Name(key) +
                                ": the store's answer lacks Content-Length, Last-Modified or ETag, or has a wrong one");
   }
-  return S3Object{key, *size, *time, *etag};
+  const std::string& sha256 = answer.Header(kSha256Header);
+  return S3Object{key, *size, *time, *etag, CheckDigest({sha256, 0}).ok() ? sha256 : ""};
 }
 
 StatusOr<std::string> S3Client::Get(const std::string& key, int64_t offset_bytes, int64_t size_bytes) {

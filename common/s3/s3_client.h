@@ -24,6 +24,9 @@ struct S3Object {
   int64_t size_bytes = 0;
   int64_t modified_us = 0;  // Unix time
   std::string etag;         // without quotes
+  // Head: the SHA-256 of the content, as PutFile wrote it beside the object (x-amz-meta-sha256). Empty: not known, as
+  // of objects that others stored or that were copied.
+  std::string sha256 = {};
 };
 
 struct S3Page {
@@ -119,7 +122,8 @@ class S3Client {
   Status Delete(const std::vector<std::string>& keys);
 
   // --- Multipart uploads of others: the coordinator opens and closes what a worker sends by signed URLs. ---
-  StatusOr<std::string> StartUpload(const std::string& key);
+  // `sha256`: S3Object::sha256 of the object; may be empty.
+  StatusOr<std::string> StartUpload(const std::string& key, const std::string& sha256 = "");
   // `etags` of the parts, from part 1 on.
   Status CompleteUpload(const std::string& key, const std::string& id, const std::vector<std::string>& etags);
   Status AbortUpload(const std::string& key, const std::string& id);

@@ -16,6 +16,8 @@
 
 namespace tessera {
 
+inline constexpr char kSha256Header[] = "x-amz-meta-sha256";  // of S3Object::sha256
+
 // A call of a store, repeated until it succeeds or fails for good.
 struct S3Call {
   const char* counter = "";  // of S3Client::counts

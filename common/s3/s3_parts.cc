@@ -172,6 +172,7 @@ Status S3Client::PutFile(const std::string& key, const std::string& path, int64_
     call.key = key;
     call.body = HttpBody{.bytes = {}, .fd = file.fd(), .offset_bytes = 0, .size_bytes = size_bytes};
     call.sha256 = sha256;
+    call.headers[kSha256Header] = sha256;
     return impl_->Send(call).status();
   }
   if (size_bytes > kMaxObjectBytes) {
@@ -179,7 +180,7 @@ Status S3Client::PutFile(const std::string& key, const std::string& path, int64_
   }
   const int64_t part_bytes = std::max(options.min_part_bytes, (size_bytes + kMaxParts - 1) / kMaxParts);
   const auto parts = static_cast<size_t>((size_bytes + part_bytes - 1) / part_bytes);
-  TESSERA_ASSIGN_OR_RETURN(const std::string id, StartUpload(key));
+  TESSERA_ASSIGN_OR_RETURN(const std::string id, StartUpload(key, sha256));
   const auto at_once = static_cast<size_t>(std::max(1, options.parts_at_once));
   PartQueue queue(parts, at_once);
   std::vector<std::thread> threads;
@@ -196,12 +197,13 @@ Status S3Client::PutFile(const std::string& key, const std::string& path, int64_
   return status;
 }
 
-StatusOr<std::string> S3Client::StartUpload(const std::string& key) {
+StatusOr<std::string> S3Client::StartUpload(const std::string& key, const std::string& sha256) {
   S3Call call;
   call.counter = "upload";
   call.method = "POST";
   call.key = key;
   call.query = {{"uploads", ""}};
+  if (!sha256.empty()) call.headers[kSha256Header] = sha256;
   call.body = HttpBody();
   TESSERA_ASSIGN_OR_RETURN(const HttpAnswer answer, impl_->Send(call));
   StatusOr<std::string> id = ParseS3UploadId(answer.body);

@@ -16,6 +16,7 @@
 #include "tests/fuzz/blocks/gltf_target.h"
 #include "tests/fuzz/image_target.h"
 #include "tests/fuzz/likelihoods_target.h"
+#include "tests/fuzz/manifest_target.h"
 #include "tests/fuzz/blocks/model_metadata_target.h"
 #include "tests/fuzz/blocks/metashape_target.h"
 #include "tests/fuzz/npy_target.h"
@@ -52,6 +53,7 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"gltf", RunGltfTarget},
     {"image", RunImageTarget},
     {"likelihoods", RunLikelihoodsTarget},
+    {"manifest", RunManifestTarget},
     {"model_metadata", RunModelMetadataTarget},
     {"metashape", RunMetashapeTarget},
     {"npy", RunNpyTarget},
