@@ -41,6 +41,7 @@ void AddRunCommand(CLI::App& app, int* exit_code);
 void AddSubmitCommand(CLI::App& app, int* exit_code);
 void AddSynthCommand(CLI::App& app, int* exit_code);
 void AddUpdateCommand(CLI::App& app, int* exit_code);
+void AddUploadCommand(CLI::App& app, int* exit_code);
 void AddWatchCommand(CLI::App& app, int* exit_code);
 
 }  // namespace tessera

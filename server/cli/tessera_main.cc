@@ -26,7 +26,8 @@ struct CommandGroup {
 const std::vector<CommandGroup>& Groups() {
   static const std::vector<CommandGroup> groups = {
       {"Scene",
-       {AddImportCommand, AddCheckCommand, AddSynthCommand, AddClassifyCommand, AddEvaluateCommand, AddRenderCommand}},
+       {AddImportCommand, AddCheckCommand, AddUploadCommand, AddSynthCommand, AddClassifyCommand, AddEvaluateCommand,
+        AddRenderCommand}},
       {"Jobs",
        {AddRunCommand, AddPlanCommand, AddSubmitCommand, AddUpdateCommand, AddJobsCommand, AddWatchCommand,
         AddPriorityCommand, AddPauseCommand, AddResumeCommand, AddRetryCommand, AddCancelCommand, AddDeleteCommand}},

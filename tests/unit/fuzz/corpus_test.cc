@@ -16,6 +16,7 @@
 #include "tests/fuzz/blocks/gltf_target.h"
 #include "tests/fuzz/image_target.h"
 #include "tests/fuzz/likelihoods_target.h"
+#include "tests/fuzz/manifest_target.h"
 #include "tests/fuzz/blocks/model_metadata_target.h"
 #include "tests/fuzz/blocks/metashape_target.h"
 #include "tests/fuzz/npy_target.h"
@@ -28,6 +29,7 @@
 #include "tests/fuzz/blocks/realityscan_target.h"
 #include "tests/fuzz/records_target.h"
 #include "tests/fuzz/rpc_target.h"
+#include "tests/fuzz/s3_answers_target.h"
 #include "tests/fuzz/scene_json_target.h"
 #include "tests/fuzz/settings_target.h"
 #include "tests/fuzz/survey_target.h"
@@ -51,6 +53,7 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"gltf", RunGltfTarget},
     {"image", RunImageTarget},
     {"likelihoods", RunLikelihoodsTarget},
+    {"manifest", RunManifestTarget},
     {"model_metadata", RunModelMetadataTarget},
     {"metashape", RunMetashapeTarget},
     {"npy", RunNpyTarget},
@@ -63,6 +66,7 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"realityscan", RunRealityscanTarget},
     {"records", RunRecordsTarget},
     {"rpc", RunRpcTarget},
+    {"s3_answers", RunS3AnswersTarget},
     {"scene_json", RunSceneJsonTarget},
     {"settings", RunSettingsTarget},
     {"survey", RunSurveyTarget},

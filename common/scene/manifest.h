@@ -1,0 +1,46 @@
+// The manifest of a scene in an object store: what a coordinator needs to know of files that it does not open.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/imaging/image_header.h"
+#include "common/storage/hash.h"
+
+namespace tessera {
+
+inline constexpr char kManifestName[] = "tessera.manifest.json";  // beside scene.json
+inline constexpr int64_t kMaxManifestBytes = int64_t{256} << 20;  // about a million files
+
+struct ManifestFile {
+  std::string name;  // relative to the scene's folder
+  Digest digest;
+  std::optional<ImageHeader> image = {};  // of a file that is an image (JPEG, PNG, TIFF)
+  std::string fault = {};                 // why the header of a file that should be an image cannot be read; else empty
+};
+
+struct SceneManifest {
+  std::vector<ManifestFile> files;  // sorted by name; each once
+};
+
+// The file of this name; null if there is none.
+const ManifestFile* FindFile(const SceneManifest& manifest, const std::string& name);
+
+// Reads a manifest, which is untrusted. `file`: its name in messages. INVALID_ARGUMENT with the first fault and its
+// place. Names have no empty, "." and ".." parts and no control characters. Unknown keys are ignored.
+StatusOr<SceneManifest> ParseManifest(const std::string& text, const std::string& file);
+
+// Deterministic: equal manifests give equal bytes. Sorts the files.
+std::string ToJson(SceneManifest manifest);
+
+// Whether a scene has its pixels or masks in files of this name: .jpg, .jpeg, .png, .tif, .tiff, in upper or lower
+// case.
+bool HasImageName(const std::string& name);
+
+// Sets `image` or `fault` from the header of the local file at `path`, if it has an image's name or content.
+void ReadImageFacts(const std::string& path, ManifestFile* file);
+
+}  // namespace tessera
