@@ -34,7 +34,9 @@ class SceneUploadTest : public testing::Test {
     Write(".cache/file", "left out");
     EXPECT_TRUE(EnsureFolder(folder_.path() + "/images").ok());
     EXPECT_TRUE(WriteJpeg(folder_.path() + "/images/a.jpg", ByteImage(8, 6, 3), 90).ok());
+    EXPECT_TRUE(WriteJpeg(folder_.path() + "/images/by_content", ByteImage(8, 6, 3), 90).ok());
     Write("images/b.jpg", "no image");
+    Write("images/empty.png", "");
   }
   void Write(const std::string& name, const std::string& content) {
     const std::string path = folder_.path() + "/" + name;
@@ -94,14 +96,14 @@ class SceneUploadTest : public testing::Test {
 TEST_F(SceneUploadTest, SendsAllFilesAndTheManifestLast) {
   const StatusOr<SceneUpload> upload = UploadScene(folder_.path(), *client_, {});
   ASSERT_TRUE(upload.ok()) << upload.status();
-  EXPECT_EQ(upload->sent_files, 5);
+  EXPECT_EQ(upload->sent_files, 7);
   const std::vector<std::string> puts = Puts();
   EXPECT_THAT(puts, UnorderedElementsAre("scene.json", "mesh.ply", "truth/mesh.ply", "images/a.jpg", "images/b.jpg",
-                                         kManifestName));
+                                         "images/by_content", "images/empty.png", kManifestName));
   EXPECT_EQ(puts.back(), kManifestName);
   const StatusOr<SceneManifest> manifest = ParseManifest(objects_[kManifestName].first, kManifestName);
   ASSERT_TRUE(manifest.ok()) << manifest.status();
-  EXPECT_EQ(manifest->files.size(), 5u);
+  EXPECT_EQ(manifest->files.size(), 7u);
   EXPECT_EQ(FindFile(*manifest, "mesh.ply")->digest, (Digest{Sha256Hex("ply"), 3}));
   EXPECT_EQ(FindFile(*manifest, "images/a.jpg")->image->size, (ImageSize{8, 6}));
   EXPECT_THAT(FindFile(*manifest, "images/b.jpg")->fault, HasSubstr("images/b.jpg"));
