@@ -140,7 +140,6 @@ Status CurlError(CURLcode code, const std::string& url, const char* details, dou
     case CURLE_SSL_ISSUER_ERROR:
       return absl::FailedPreconditionError(absl::StrCat(message, ": the server's certificate is not trusted"));
     case CURLE_URL_MALFORMAT:
-    case CURLE_UNSUPPORTED_PROTOCOL:
       return absl::InvalidArgumentError(absl::StrCat(HostOf(url), ": not a valid http or https URL"));
     case CURLE_FILESIZE_EXCEEDED:
       return absl::InternalError(message);
@@ -202,6 +201,9 @@ HttpClient::~HttpClient() = default;
 
 StatusOr<HttpAnswer> HttpClient::Send(const HttpRequest& request, HttpTraffic* traffic) const {
   const HttpClientOptions& options = impl_->options;
+  if (!request.url.starts_with("http://") && !request.url.starts_with("https://")) {
+    return absl::InvalidArgumentError("found a URL of another scheme, expected http:// or https://");
+  }
   Handle owned = impl_->Take();
   CURL* const handle = owned.get();
   if (handle == nullptr) return absl::UnavailableError("libcurl has no memory for a request");

@@ -170,6 +170,8 @@ StatusOr<std::string> ParseS3UploadId(const std::string& xml) {
   return id;
 }
 
+Status CheckS3Completion(const std::string& xml) { return ParseAnswer(xml, "CompleteMultipartUploadResult").status(); }
+
 StatusOr<std::string> ParseS3EtagOf(const std::string& root, const std::string& xml) {
   TESSERA_ASSIGN_OR_RETURN(const XmlFile file, ParseAnswer(xml, root));
   Faults faults;

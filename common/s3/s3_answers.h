@@ -36,7 +36,10 @@ StatusOr<S3UploadPage> ParseS3Uploads(const std::string& xml);
 // CreateMultipartUpload: the id.
 StatusOr<std::string> ParseS3UploadId(const std::string& xml);
 
-// CopyObject, UploadPartCopy and CompleteMultipartUpload: the ETag, without quotes.
+// CompleteMultipartUpload. Does not look at the ETag: radosgw sends an empty one.
+Status CheckS3Completion(const std::string& xml);
+
+// CopyObject and UploadPartCopy, whose results are named `root`: the ETag, without quotes.
 StatusOr<std::string> ParseS3EtagOf(const std::string& root, const std::string& xml);
 
 // DeleteObjects: the objects that could not be deleted.

@@ -234,9 +234,9 @@ Status S3Client::CompleteUpload(const std::string& key, const std::string& id, c
     if (object.ok() && object->etag == EtagOfParts(etags)) return absl::OkStatus();
   }
   TESSERA_RETURN_IF_ERROR(answer.status());
-  const StatusOr<std::string> etag = ParseS3EtagOf("CompleteMultipartUploadResult", answer->body);
-  if (etag.ok()) return absl::OkStatus();
-  return absl::InternalError(absl::StrCat(impl_->Name(key), ": ", std::string(etag.status().message())));
+  const Status completed = CheckS3Completion(answer->body);
+  if (completed.ok()) return absl::OkStatus();
+  return absl::InternalError(absl::StrCat(impl_->Name(key), ": ", std::string(completed.message())));
 }
 
 Status S3Client::AbortUpload(const std::string& key, const std::string& id) {

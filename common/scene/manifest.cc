@@ -151,21 +151,18 @@ std::string ToJson(SceneManifest manifest) {
   return text + "\n]}\n";
 }
 
-bool HasImageName(const std::string& name) {
+bool MayBeImage(const std::string& name, std::string_view head) {
   const std::string lower = absl::AsciiStrToLower(name);
   for (const char* ending : {".jpg", ".jpeg", ".png", ".tif", ".tiff"}) {
     if (absl::EndsWith(lower, ending)) return true;
   }
-  return false;
+  head = head.substr(0, 16);
+  const std::vector<uint8_t> bytes(head.begin(), head.end());
+  return IsJpeg(bytes) || IsPng(bytes) || IsTiff(bytes);
 }
 
 void ReadImageFacts(const std::string& path, ManifestFile* file) {
-  if (!HasImageName(file->name)) {
-    const StatusOr<std::string> head = ReadFileRange(path, 0, 16);
-    if (!head.ok()) return;
-    const std::vector<uint8_t> bytes(head->begin(), head->end());
-    if (!IsJpeg(bytes) && !IsPng(bytes) && !IsTiff(bytes)) return;
-  }
+  if (!MayBeImage(file->name, ReadFileRange(path, 0, 16).value_or(""))) return;
   const StatusOr<ImageHeader> header = ReadImageHeader(path);
   if (header.ok()) {
     file->image = *header;

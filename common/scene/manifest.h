@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "common/base/status.h"
@@ -36,11 +37,11 @@ StatusOr<SceneManifest> ParseManifest(const std::string& text, const std::string
 // Deterministic: equal manifests give equal bytes. Sorts the files.
 std::string ToJson(SceneManifest manifest);
 
-// Whether a scene has its pixels or masks in files of this name: .jpg, .jpeg, .png, .tif, .tiff, in upper or lower
-// case.
-bool HasImageName(const std::string& name);
+// Whether a file is an image: by its name (.jpg, .jpeg, .png, .tif, .tiff, in upper or lower case), or by its first
+// bytes.
+bool MayBeImage(const std::string& name, std::string_view head);
 
-// Sets `image` or `fault` from the header of the local file at `path`, if it has an image's name or content.
+// Sets `image` or `fault` from the header of the local file at `path`, if it is an image (MayBeImage).
 void ReadImageFacts(const std::string& path, ManifestFile* file);
 
 }  // namespace tessera

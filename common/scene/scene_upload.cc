@@ -95,12 +95,15 @@ Status Describe(S3Client& client, const std::string& scratch_file, const TaskCon
   Sha256Hasher hasher;
   int64_t size = 0;
   int fd = -1;
-  if (HasImageName(file->name)) {
+  const auto copy_if_image = [&](std::string_view head) -> Status {
+    if (fd >= 0 || !MayBeImage(file->name, head)) return absl::OkStatus();
     fd = ::open(scratch_file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    if (fd < 0) return FileError(errno, "cannot write " + scratch_file);
-  }
+    return fd < 0 ? FileError(errno, "cannot write " + scratch_file) : absl::OkStatus();
+  };
+  TESSERA_RETURN_IF_ERROR(copy_if_image(""));
   const Status status = client.Stream(file->name, 0, [&](std::string_view bytes) -> Status {
     TESSERA_RETURN_IF_ERROR(control.Check());
+    if (size == 0) TESSERA_RETURN_IF_ERROR(copy_if_image(bytes));
     hasher.Update(bytes.data(), bytes.size());
     size += static_cast<int64_t>(bytes.size());
     *read_bytes += static_cast<int64_t>(bytes.size());

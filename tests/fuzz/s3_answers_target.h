@@ -31,11 +31,14 @@ inline bool RunS3AnswersTarget(const std::string& bytes) {
   }
   const auto id = ParseS3UploadId(bytes);
   if (check(id)) Require(!id->empty(), "an upload has an id");
-  for (const char* root : {"CopyObjectResult", "CopyPartResult", "CompleteMultipartUploadResult"}) {
+  for (const char* root : {"CopyObjectResult", "CopyPartResult"}) {
     const auto etag = ParseS3EtagOf(root, bytes);
     if (check(etag)) Require(ParseEtag(*etag) == *etag, "an ETag may be sent in a header");
   }
   check(ParseS3DeleteErrors(bytes));
+  const Status completed = CheckS3Completion(bytes);
+  if (!completed.ok()) RequireRefusal(completed);
+  taken = taken || completed.ok();
   return taken;
 }
 

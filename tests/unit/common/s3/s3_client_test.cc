@@ -172,6 +172,18 @@ TEST_F(S3ClientTest, EndsASilentTransfer) {
   EXPECT_EQ(calls, 2);
 }
 
+TEST_F(S3ClientTest, RepeatsAfterAnAnswerThatIsNotHttp) {
+  std::atomic<int> calls{0};
+  Serve([&](const ScriptedRequest&) {
+    ScriptedAnswer answer = ObjectAnswer("the beginning of the next answer on this connection");
+    answer.status = ++calls == 1 ? 204 : 200;  // 204 has no body
+    return answer;
+  });
+  EXPECT_TRUE(PutHello().ok());
+  EXPECT_TRUE(PutHello().ok());
+  EXPECT_EQ(waits_.size(), 1u);
+}
+
 TEST_F(S3ClientTest, NoServerListens) {
   Serve([](const ScriptedRequest&) { return ObjectAnswer(""); });
   server_.reset();

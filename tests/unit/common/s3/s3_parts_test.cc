@@ -67,7 +67,9 @@ class S3PartsTest : public testing::Test {
     }
     if (request.method == "DELETE") {
       aborted_ = Has(request, "uploadId=id%2B1");
-      return XmlAnswer("", 204);
+      ScriptedAnswer answer;
+      answer.status = 204;
+      return answer;
     }
     if (request.method == "HEAD") {
       ScriptedAnswer answer;
@@ -94,7 +96,7 @@ class S3PartsTest : public testing::Test {
   std::optional<std::string> sha256_;
   int failing_part_ = 0;
   ScriptedAnswer complete_answer_ =
-      XmlAnswer("<CompleteMultipartUploadResult><ETag>\"e-4\"</ETag></CompleteMultipartUploadResult>");
+      XmlAnswer("<CompleteMultipartUploadResult><ETag></ETag></CompleteMultipartUploadResult>");
   ScriptedAnswer copy_answer_ = XmlAnswer("<CopyObjectResult><ETag>\"e\"</ETag></CopyObjectResult>");
   std::string head_etag_ = "\"e\"", head_bytes_ = "7";
   std::map<int, std::string> parts_;
@@ -112,6 +114,7 @@ TEST_F(S3PartsTest, SendsASmallFileAtOnce) {
   content_.resize(1000);
   EXPECT_TRUE(PutContent().ok());
   EXPECT_EQ(stored_, content_);
+  EXPECT_EQ(server_.requests()[0].headers.at("x-amz-meta-sha256"), Sha256Hex(content_));
   EXPECT_EQ(server_.requests().size(), 1u);
 }
 
