@@ -11,8 +11,8 @@
 #include <thread>
 #include <vector>
 
-#include "server/store/histogram.h"
 #include "common/base/status.h"
+#include "server/store/histogram.h"
 #include "server/store/record_store.h"
 
 namespace tessera {

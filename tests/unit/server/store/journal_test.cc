@@ -219,10 +219,11 @@ TEST(JournalTest, TakeoverEndsItAndNobodyIsToldOk) {
   store.Open();
   Journal journal(&store, {.wait_s = 3600,
                            .on_trouble = [&](const Status& trouble) { troubles.emplace_back(trouble.message()); },
-                           .on_taken_over = [&](const Status& reason) {
-                             EXPECT_EQ(told.count(), 1u) << "nobody is told before the process knows";
-                             reasons.emplace_back(reason.message());
-                           }});
+                           .on_taken_over =
+                               [&](const Status& reason) {
+                                 EXPECT_EQ(told.count(), 1u) << "nobody is told before the process knows";
+                                 reasons.emplace_back(reason.message());
+                               }});
   journal.Add("a", Durability::kMachine);
   journal.WhenStored(told.Next());
   EXPECT_THAT(told.Await(1), ElementsAre(kOk));
