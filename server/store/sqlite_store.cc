@@ -2,12 +2,17 @@
 
 #include <sqlite3.h>
 
+#include <atomic>
+#include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <set>
 #include <utility>
 
+#include "common/access/secrets.h"
+#include "common/storage/files.h"
 #include "server/store/sqlite_schema.h"
 #include "server/store/sqlite_statement.h"
 
@@ -15,6 +20,8 @@ namespace tessera {
 
 struct SqliteStore::Impl {
   std::string path;
+  std::optional<FileLock> lock;
+  std::atomic<bool> released = false;
   Database database{nullptr, sqlite3_close_v2};
   sqlite3* db = nullptr;  // `database`
   OwnerOf owner_of;
@@ -27,6 +34,10 @@ struct SqliteStore::Impl {
   Status Error(int code, const std::string& what) const { return SqliteError(path, db, code, what); }
 
   Status Run(const std::string& sql) { return RunSql(db, path, sql); }
+
+  Status CheckHeld() const {
+    return released ? absl::AbortedError(path + ": the right to write was given up") : absl::OkStatus();
+  }
 
   // Assign numbers here: SQLite would reuse the number of a removed record.
   Status Insert(const std::vector<std::string_view>& records) {
@@ -95,6 +106,18 @@ struct SqliteStore::Impl {
 SqliteStore::SqliteStore(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 SqliteStore::~SqliteStore() = default;
 
+StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::OpenLocked(const std::string& path, OwnerOf owner_of) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  auto lock = FileLock::Acquire((folder.empty() ? "." : folder) + "/lock");
+  if (!lock.ok()) {
+    return Status(lock.status().code(), "cannot lock " + folder + ", probably used by another coordinator: " +
+                                            std::string(lock.status().message()));
+  }
+  TESSERA_ASSIGN_OR_RETURN(auto store, Open(path, std::move(owner_of)));
+  store->impl_->lock = *std::move(lock);
+  return store;
+}
+
 StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path, OwnerOf owner_of) {
   auto impl = std::make_unique<Impl>();
   impl->path = path;
@@ -113,6 +136,7 @@ StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path
 
 Status SqliteStore::Append(const std::vector<std::string_view>& records, Durability durability) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(durability));
   TESSERA_RETURN_IF_ERROR(impl_->Run("BEGIN IMMEDIATE"));
   TESSERA_RETURN_IF_ERROR(impl_->End(impl_->Insert(records)));
@@ -160,6 +184,7 @@ Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>
 
 Status SqliteStore::Quarantine(int64_t number, const std::string& reason) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
   Statement insert(impl_->db, "INSERT OR IGNORE INTO set_aside VALUES (?, ?)");
   insert.Bind(1, number);
@@ -175,6 +200,7 @@ StatusOr<std::set<int>> SqliteStore::DeletedJobs() {
 
 StatusOr<int> SqliteStore::RemoveRecords(int max_records) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
   // A removal that is lost with the machine is repeated later.
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));
   Statement select(impl_->db,
@@ -214,6 +240,7 @@ std::optional<Digest> SqliteStore::Find(const std::string& path, const FileStamp
 
 Status SqliteStore::Remember(const std::string& path, const FileStamp& stamp, const Digest& digest) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));  // a lost digest is computed again
   Statement insert(impl_->db, "INSERT OR REPLACE INTO file_digests VALUES (?, ?, ?, ?)");
   insert.BindText(1, path);
@@ -222,6 +249,41 @@ Status SqliteStore::Remember(const std::string& path, const FileStamp& stamp, co
   insert.BindText(4, digest.sha256);
   const int code = insert.Step();
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot store a digest");
+}
+
+std::string SqliteStore::Location() const { return impl_->path; }
+
+StatusOr<std::string> SqliteStore::WorkerKey() {
+  const std::string file = (std::filesystem::path(impl_->path).parent_path() / "worker.key").string();
+  if (!FileExists(file)) return Keep("worker_key", RandomSecret());
+  TESSERA_ASSIGN_OR_RETURN(const std::string earlier, ReadSecretFile(file));
+  TESSERA_ASSIGN_OR_RETURN(std::string key, Keep("worker_key", earlier));
+  TESSERA_RETURN_IF_ERROR(RemoveTree(file));
+  return key;
+}
+
+StatusOr<std::string> SqliteStore::Keep(const std::string& name, const std::string& value) {
+  std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
+  Statement insert(impl_->db, "INSERT OR IGNORE INTO kept VALUES (?, ?)");
+  insert.BindText(1, name);
+  insert.BindBlob(2, value);
+  if (const int code = insert.Step(); code != SQLITE_DONE) return impl_->Error(code, "cannot keep a value");
+  Statement select(impl_->db, "SELECT value FROM kept WHERE name = ?");
+  select.BindText(1, name);
+  if (const int code = select.Step(); code != SQLITE_ROW) return impl_->Error(code, "cannot read a kept value");
+  return select.Bytes(0);
+}
+
+double SqliteStore::HeldFor_s() const {
+  return impl_->released ? 0 : std::numeric_limits<double>::infinity();
+}
+
+void SqliteStore::Release() {
+  std::lock_guard lock(impl_->mutex);
+  impl_->released = true;
+  impl_->lock.reset();
 }
 
 Status BackUp(const std::string& database, const std::string& to) {
