@@ -29,6 +29,8 @@ Status PostgresStore::Remember(const std::string&, const FileStamp&, const Diges
 std::string PostgresStore::Location() const { return ""; }
 StatusOr<std::string> PostgresStore::WorkerKey() { return Unfinished(); }
 StatusOr<std::string> PostgresStore::Keep(const std::string&, const std::string&) { return Unfinished(); }
+Status PostgresStore::Replace(const std::string&, const std::string&) { return Unfinished(); }
+StatusOr<std::optional<std::string>> ReadKept(const std::string&, const std::string&) { return Unfinished(); }
 double PostgresStore::HeldFor_s() const { return 0; }
 void PostgresStore::Release() {}
 

@@ -32,6 +32,7 @@ class PostgresStore : public StateStore {
   std::string Location() const override;
   StatusOr<std::string> WorkerKey() override;
   StatusOr<std::string> Keep(const std::string& name, const std::string& value) override;
+  Status Replace(const std::string& name, const std::string& value) override;
   double HeldFor_s() const override;
   void Release() override;
 

@@ -276,6 +276,17 @@ StatusOr<std::string> SqliteStore::Keep(const std::string& name, const std::stri
   return select.Bytes(0);
 }
 
+Status SqliteStore::Replace(const std::string& name, const std::string& value) {
+  std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
+  Statement insert(impl_->db, "INSERT OR REPLACE INTO kept VALUES (?, ?)");
+  insert.BindText(1, name);
+  insert.BindBlob(2, value);
+  const int code = insert.Step();
+  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot keep a value");
+}
+
 double SqliteStore::HeldFor_s() const {
   return impl_->released ? 0 : std::numeric_limits<double>::infinity();
 }

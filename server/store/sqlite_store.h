@@ -34,6 +34,7 @@ class SqliteStore : public StateStore {
   // Moves the key of the file `worker.key` beside the database, where earlier releases kept it, into the database.
   StatusOr<std::string> WorkerKey() override;
   StatusOr<std::string> Keep(const std::string& name, const std::string& value) override;
+  Status Replace(const std::string& name, const std::string& value) override;
   double HeldFor_s() const override;
   void Release() override;
 

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "common/base/status.h"
@@ -23,6 +24,8 @@ class StateStore : public RecordStore, public DigestCache {
   virtual StatusOr<std::string> WorkerKey() = 0;
   // A value that is kept with the state under `name`. Returns the kept one; stores `value` if there is none yet.
   virtual StatusOr<std::string> Keep(const std::string& name, const std::string& value) = 0;
+  // Keeps `value` under `name`, in place of an earlier one.
+  virtual Status Replace(const std::string& name, const std::string& value) = 0;
 
   // Seconds by this process's monotonic clock for which the right to write is certainly held; infinity if no other
   // process can take it (SQLite: the data folder is locked). 0 or less: the process must answer nothing more. Never
@@ -50,6 +53,10 @@ struct OpenStateOptions {
 // FAILED_PRECONDITION if another coordinator holds the right to write and `wait` is empty, and for a database of
 // another program or a newer version; UNAVAILABLE if the database cannot be reached. No error has a password.
 StatusOr<std::unique_ptr<StateStore>> OpenState(const std::string& url, const OpenStateOptions& options);
+
+// The value that StateStore::Keep or Replace keeps under `name`, for processes without the right to write; nullopt if
+// there is none, or no state yet. UNAVAILABLE if the database cannot be reached. Only for PostgreSQL.
+StatusOr<std::optional<std::string>> ReadKept(const std::string& url, const std::string& name);
 
 // Whether `url` names a PostgreSQL database.
 bool IsPostgresUrl(const std::string& url);
