@@ -4,6 +4,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <stdexcept>
 #include <utility>
@@ -39,13 +40,13 @@ CoordinatorPair::CoordinatorPair(const std::string& folder, const std::string& s
 
 Program& CoordinatorPair::Start(int which, const std::string& state, const std::vector<std::string>& arguments) {
   std::filesystem::remove(PortFile(which));
-  std::vector<std::string> all = {"--state",     state.empty() ? state_ : state,
-                                  "--data",      folder_ + "/data-" + std::to_string(which),
-                                  "--blobs",     blobs(),
-                                  "--listen",    addresses_[which],
-                                  "--port-file", PortFile(which),
-                                  "--lease-s",   "3"};
-  for (const auto& more : {arguments_, arguments}) all.insert(all.end(), more.begin(), more.end());
+  std::vector<std::string> all = arguments_;
+  all.insert(all.end(), arguments.begin(), arguments.end());
+  const bool own_blobs = std::find(all.begin(), all.end(), "--blobs") != all.end();
+  if (!own_blobs) all.insert(all.end(), {"--blobs", blobs()});
+  all.insert(all.end(),
+             {"--state", state.empty() ? state_ : state, "--data", folder_ + "/data-" + std::to_string(which),
+              "--listen", addresses_[which], "--port-file", PortFile(which), "--lease-s", "3"});
   programs_[which] = nullptr;
   programs_[which] = std::make_unique<Program>(folder_, TESSERAD_PROGRAM, all);
   return *programs_[which];
