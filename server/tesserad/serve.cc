@@ -197,7 +197,14 @@ Status Serve(const ServeOptions& options, const sigset_t& stop_signals) {
   TESSERA_RETURN_IF_ERROR(EnsurePrivateFolder(places.data));
   std::optional<FileLock> lock;  // a file of SQLite's locks its folder itself
   if (IsPostgresUrl(places.state)) {
-    TESSERA_ASSIGN_OR_RETURN(lock, FileLock::Acquire(places.data + "/lock"));
+    auto locked = FileLock::Acquire(places.data + "/lock");
+    if (!locked.ok()) {
+      return Status(locked.status().code(), absl::StrCat("cannot lock ", places.data,
+                                                         ", probably used by another "
+                                                         "coordinator: ",
+                                                         locked.status().message()));
+    }
+    lock = *std::move(locked);
   }
   SharedStorage storage;
   for (const std::string& root : options.scene_roots) storage.scene_roots.push_back(AbsolutePath(root));
