@@ -32,7 +32,10 @@ class PostgresStore : public StateStore {
   std::string Location() const override;
   StatusOr<std::string> WorkerKey() override;
   StatusOr<std::string> Keep(const std::string& name, const std::string& value) override;
+  Status Replace(const std::string& name, const std::string& value) override;
   double HeldFor_s() const override;
+  Status Export(const RowSink& visit) override;
+  Status Import(const std::function<Status(const RowSink& add)>& fill, int64_t starts) override;
   void Release() override;
 
  private:

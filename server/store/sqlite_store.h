@@ -34,7 +34,10 @@ class SqliteStore : public StateStore {
   // Moves the key of the file `worker.key` beside the database, where earlier releases kept it, into the database.
   StatusOr<std::string> WorkerKey() override;
   StatusOr<std::string> Keep(const std::string& name, const std::string& value) override;
+  Status Replace(const std::string& name, const std::string& value) override;
   double HeldFor_s() const override;
+  Status Export(const RowSink& visit) override;
+  Status Import(const std::function<Status(const RowSink& add)>& fill, int64_t starts) override;
   void Release() override;
 
  private:

@@ -3,10 +3,12 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "common/base/status.h"
 #include "server/store/record_store.h"
+#include "server/store/state_copy.h"
 
 namespace tessera {
 
@@ -23,11 +25,19 @@ class StateStore : public RecordStore, public DigestCache {
   virtual StatusOr<std::string> WorkerKey() = 0;
   // A value that is kept with the state under `name`. Returns the kept one; stores `value` if there is none yet.
   virtual StatusOr<std::string> Keep(const std::string& name, const std::string& value) = 0;
+  // Keeps `value` under `name`, in place of an earlier one.
+  virtual Status Replace(const std::string& name, const std::string& value) = 0;
 
   // Seconds by this process's monotonic clock for which the right to write is certainly held; infinity if no other
   // process can take it (SQLite: the data folder is locked). 0 or less: the process must answer nothing more. Never
   // waits for the database.
   virtual double HeldFor_s() const = 0;
+  // Calls `visit` for every row of every table of StateTables, by table and primary key. Returns its first error.
+  virtual Status Export(const RowSink& visit) = 0;
+  // Stores the rows that `fill` passes on, or none of them, in place of what an empty state has; the start count
+  // becomes at least `starts`. FAILED_PRECONDITION if there are records. Releases the right to write.
+  virtual Status Import(const std::function<Status(const RowSink& add)>& fill, int64_t starts) = 0;
+
   // Gives the right to write up at once, so that a standby need not wait. Append returns ABORTED from then on.
   virtual void Release() = 0;
 };
@@ -51,7 +61,13 @@ struct OpenStateOptions {
 // another program or a newer version; UNAVAILABLE if the database cannot be reached. No error has a password.
 StatusOr<std::unique_ptr<StateStore>> OpenState(const std::string& url, const OpenStateOptions& options);
 
+// The value that StateStore::Keep or Replace keeps under `name`, for processes without the right to write; nullopt if
+// there is none, or no state yet. UNAVAILABLE if the database cannot be reached. Only for PostgreSQL.
+StatusOr<std::optional<std::string>> ReadKept(const std::string& url, const std::string& name);
+
 // Whether `url` names a PostgreSQL database.
 bool IsPostgresUrl(const std::string& url);
+// Whether it does and contains a password or the passphrase of a key.
+bool HasPassword(const std::string& url);
 
 }  // namespace tessera
