@@ -353,9 +353,7 @@ Status PostgresStore::Import(const std::function<Status(const RowSink& add)>& fi
   for (const StateTable& table : StateTables()) absl::StrAppend(&sql, "; DELETE FROM ", table.name);
   TESSERA_RETURN_IF_ERROR(connection->Run(sql).status());
   const StateTable* filled = nullptr;  // of the rows in `sql`
-  const auto send = [&] {
-    return filled != nullptr ? connection->Run(sql + " ON CONFLICT DO NOTHING").status() : absl::OkStatus();
-  };
+  const auto send = [&] { return filled != nullptr ? connection->Run(sql).status() : absl::OkStatus(); };
   TESSERA_RETURN_IF_ERROR(fill([&](const StateTable& table, const StateRow& row) {
     const bool next = filled != &table || sql.size() > kMaxStatement;
     if (next) {
