@@ -13,6 +13,7 @@
 
 #include "common/access/secrets.h"
 #include "common/storage/files.h"
+#include "server/store/record_rows.h"
 #include "server/store/sqlite_schema.h"
 #include "server/store/sqlite_statement.h"
 
@@ -157,27 +158,9 @@ Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>
   if (code != SQLITE_DONE) return impl_->Error(code, "cannot read which records were removed");
   TESSERA_ASSIGN_OR_RETURN(const std::set<int> deleted, impl_->DeletedJobs());
   Statement select(impl_->db, "SELECT id, content, xxh3, job FROM records ORDER BY id");
-  int64_t expected = 1;
-  auto next_removed = removed.begin();
+  RecordRows rows(std::move(quarantined), std::move(removed), deleted, visit);
   while ((code = select.Step()) == SQLITE_ROW) {
-    const int64_t id = select.Int(0);
-    for (; next_removed != removed.end() && next_removed->first == expected; ++next_removed) {
-      expected = next_removed->second + 1;
-    }
-    if (id != expected && !quarantined.contains(expected)) {
-      visit({expected, absl::DataLossError("record missing, as are all before " + std::to_string(id))});
-    }
-    expected = id + 1;
-    if (quarantined.contains(id) || deleted.contains(static_cast<int>(select.Int(3)))) continue;
-    const std::string record = select.Bytes(1);
-    if (static_cast<int64_t>(Xxh3(record)) == select.Int(2)) {
-      visit({id, record});
-    } else {
-      visit({id, absl::DataLossError("row " + std::to_string(id) + " of table records is damaged: its " +
-                                     std::to_string(record.size()) + " bytes hash to " +
-                                     std::to_string(static_cast<int64_t>(Xxh3(record))) + ", expected " +
-                                     std::to_string(select.Int(2)))});
-    }
+    rows.Add(select.Int(0), select.Bytes(1), select.Int(2), static_cast<int>(select.Int(3)));
   }
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot read records");
 }
@@ -287,9 +270,7 @@ Status SqliteStore::Replace(const std::string& name, const std::string& value) {
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot keep a value");
 }
 
-double SqliteStore::HeldFor_s() const {
-  return impl_->released ? 0 : std::numeric_limits<double>::infinity();
-}
+double SqliteStore::HeldFor_s() const { return impl_->released ? 0 : std::numeric_limits<double>::infinity(); }
 
 void SqliteStore::Release() {
   std::lock_guard lock(impl_->mutex);

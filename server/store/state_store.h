@@ -39,12 +39,12 @@ class StateStore : public RecordStore, public DigestCache {
 bool IsTakenOver(const Status& status);
 
 struct OpenStateOptions {
-  OwnerOf owner_of;
-  std::string holder;  // who opens it, for messages: host and process
+  OwnerOf owner_of = {};
+  std::string holder = "";  // who opens it, for messages: host and process
   // Called about four times a second while another coordinator holds the right: who, and how many seconds ago it was
   // last renewed. False ends the wait with CANCELLED. Empty: does not wait, FAILED_PRECONDITION instead. Not used for
   // SQLite, whose data folder another process has locked: FAILED_PRECONDITION at once.
-  std::function<bool(const std::string& holder, double renewed_before_s)> wait;
+  std::function<bool(const std::string& holder, double renewed_before_s)> wait = {};
 };
 
 // Opens the state at `url`, or creates an empty one: a path of a SQLite file, or postgresql://..., as libpq reads it
