@@ -2,13 +2,19 @@
 
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/support/client_interceptor.h>
+#include <netdb.h>
+#include <sys/socket.h>
 #include <sys/un.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cstdlib>
+#include <cstring>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "common/access/secrets.h"
 
 namespace tessera {
@@ -18,6 +24,7 @@ namespace experimental = grpc::experimental;
 
 constexpr char kSocketScheme[] = "unix:";
 constexpr int64_t kMaxPemBytes = 4 << 20;
+constexpr int kKeepaliveOfListMs = 6'000;  // servers allow one ping every kKeepaliveTimeMs / 4
 
 std::chrono::system_clock::time_point After(double seconds) {
   return std::chrono::system_clock::now() + std::chrono::milliseconds(static_cast<int64_t>(seconds * 1000));
@@ -56,24 +63,86 @@ class IdentityInterceptorFactory final : public experimental::ClientInterceptorF
   const std::shared_ptr<CallIdentity> identity_;
 };
 
-std::shared_ptr<grpc::Channel> Connect(const std::string& address,
-                                       const std::shared_ptr<grpc::ChannelCredentials>& credentials,
-                                       std::shared_ptr<CallIdentity> identity) {
+// Whether every address of an endpoint is local.
+bool AreLocal(const std::string& address) {
+  if (!IsAddressList(address)) return IsLocalAddress(address);
+  const std::vector<std::string> addresses = absl::StrSplit(address, ',');
+  return std::all_of(addresses.begin(), addresses.end(), IsLocalAddress);
+}
+
+std::string HostOf(const std::string& address) {
+  std::string host = address.substr(0, address.rfind(':'));
+  if (host.size() > 2 && host.front() == '[' && host.back() == ']') host = host.substr(1, host.size() - 2);
+  return host;
+}
+
+// Appends the numeric addresses of HOST:PORT to `found`.
+Status Resolve(const std::string& address, std::vector<sockaddr_storage>& found) {
+  addrinfo hints = {};
+  hints.ai_socktype = SOCK_STREAM;
+  hints.ai_flags = AI_NUMERICSERV;
+  addrinfo* list = nullptr;
+  const int error =
+      ::getaddrinfo(HostOf(address).c_str(), address.substr(address.rfind(':') + 1).c_str(), &hints, &list);
+  if (error != 0) {
+    return absl::UnavailableError(
+        absl::StrCat("cannot find the host of the coordinator ", address, ": ", ::gai_strerror(error)));
+  }
+  for (const addrinfo* each = list; each != nullptr; each = each->ai_next) {
+    std::memcpy(&found.emplace_back(), each->ai_addr, each->ai_addrlen);
+  }
+  ::freeaddrinfo(list);
+  return absl::OkStatus();
+}
+
+// A target of gRPC's that holds all addresses of a list, in its order.
+StatusOr<std::string> TargetOf(const std::vector<std::string>& addresses) {
+  std::vector<sockaddr_storage> found;
+  for (const std::string& address : addresses) TESSERA_RETURN_IF_ERROR(Resolve(address, found));
+  const bool all_v4 =
+      std::all_of(found.begin(), found.end(), [](const auto& each) { return each.ss_family == AF_INET; });
+  std::vector<std::string> targets;
+  for (const sockaddr_storage& each : found) {
+    char host[NI_MAXHOST] = {}, port[NI_MAXSERV] = {};
+    if (::getnameinfo(reinterpret_cast<const sockaddr*>(&each), sizeof(each), host, sizeof(host), port, sizeof(port),
+                      NI_NUMERICHOST | NI_NUMERICSERV) != 0) {
+      return absl::UnavailableError("cannot read an address of " + absl::StrJoin(addresses, ","));
+    }
+    // gRPC takes one family a target: IPv4 addresses among others are written as IPv6 ones. Brackets are escaped.
+    const char* const mapped = each.ss_family == AF_INET ? "::ffff:" : "";
+    targets.push_back(all_v4 ? absl::StrCat(host, ":", port) : absl::StrCat("%5B", mapped, host, "%5D:", port));
+  }
+  return absl::StrCat(all_v4 ? "ipv4:" : "ipv6:", absl::StrJoin(targets, ","));
+}
+
+// `address`: of an endpoint. A list's names are resolved now.
+StatusOr<std::shared_ptr<grpc::Channel>> Connect(const std::string& address,
+                                                 const std::shared_ptr<grpc::ChannelCredentials>& credentials,
+                                                 std::shared_ptr<CallIdentity> identity) {
   grpc::ChannelArguments arguments;
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveTimeMs);
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
+  std::string target = address;
+  if (IsAddressList(address)) {
+    const std::vector<std::string> addresses = absl::StrSplit(address, ',');
+    TESSERA_ASSIGN_OR_RETURN(target, TargetOf(addresses));
+    arguments.SetString(GRPC_ARG_DEFAULT_AUTHORITY, addresses.front());
+    arguments.SetSslTargetNameOverride(HostOf(addresses.front()));
+  }
+  // A coordinator of a list that is silent is left sooner: another one may have taken over.
+  const bool one_of_many = target != address;
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, one_of_many ? kKeepaliveOfListMs : kKeepaliveTimeMs);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, one_of_many ? kKeepaliveOfListMs : kKeepaliveTimeoutMs);
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, one_of_many ? 1'000 : 3'000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 1'000);
-  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 3'000);
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   arguments.SetInt(GRPC_ARG_MAX_METADATA_SIZE, 1 << 20);  // room for messages that list all faults of a scene
   arguments.SetMaxReceiveMessageSize(64 << 20);
   std::vector<std::unique_ptr<experimental::ClientInterceptorFactoryInterface>> interceptors;
   if (identity != nullptr) interceptors.push_back(std::make_unique<IdentityInterceptorFactory>(std::move(identity)));
-  return experimental::CreateCustomChannelWithInterceptors(address, credentials, arguments, std::move(interceptors));
+  return experimental::CreateCustomChannelWithInterceptors(target, credentials, arguments, std::move(interceptors));
 }
 
 }  // namespace
@@ -112,10 +181,30 @@ Status CheckAddress(const std::string& address) {
                                       ": pass a shorter path with --listen unix:PATH");
   }
   const size_t colon = address.rfind(':');
-  const bool good = colon != std::string::npos && colon > 0 && colon + 1 < address.size() &&
+  const bool good = address.find(',') == std::string::npos && colon != std::string::npos && colon > 0 &&
+                    colon + 1 < address.size() &&
                     address.find_first_not_of("0123456789", colon + 1) == std::string::npos;
   if (good) return absl::OkStatus();
   return absl::InvalidArgumentError("address: found '" + address + "', expected HOST:PORT or unix:PATH");
+}
+
+bool IsAddressList(const std::string& address) {
+  const std::vector<std::string> parts = absl::StrSplit(address, ',');
+  // A comma may also be part of a socket's path.
+  return parts.size() > 1 && (!IsSocketAddress(address) || std::any_of(parts.begin() + 1, parts.end(), [](auto& part) {
+           return CheckAddress(part).ok();
+         }));
+}
+
+Status CheckEndpointAddress(const std::string& address) {
+  if (!IsAddressList(address)) return CheckAddress(address);
+  const std::vector<std::string> parts = absl::StrSplit(address, ',');
+  for (const std::string& part : parts) {
+    if (!IsSocketAddress(part) && CheckAddress(part).ok()) continue;
+    return absl::InvalidArgumentError(absl::StrCat("address: found '", part, "' in the list '", address,
+                                                   "', expected HOST:PORT,HOST:PORT: a list has no unix:PATH"));
+  }
+  return absl::OkStatus();
 }
 
 void CallIdentity::SetWorker(const std::string& worker, const std::string& secret) {
@@ -145,11 +234,11 @@ Status CallIdentity::Check() {
 }
 
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, std::shared_ptr<CallIdentity> identity) {
-  return Connect(address, grpc::InsecureChannelCredentials(), std::move(identity));
+  return *Connect(address, grpc::InsecureChannelCredentials(), std::move(identity));
 }
 
 StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const Endpoint& endpoint, std::shared_ptr<CallIdentity> identity) {
-  TESSERA_RETURN_IF_ERROR(CheckAddress(endpoint.address));
+  TESSERA_RETURN_IF_ERROR(CheckEndpointAddress(endpoint.address));
   if (!endpoint.token_file.empty() || !endpoint.tls_key.empty()) DisableCoreDumps();
   if (identity != nullptr) TESSERA_RETURN_IF_ERROR(identity->Check());
   if (endpoint.tls_cert.empty() != endpoint.tls_key.empty()) {
@@ -158,11 +247,11 @@ StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const Endpoint& endpoint, s
   if (IsSocketAddress(endpoint.address)) return MakeChannel(endpoint.address, std::move(identity));
   if (endpoint.tls_ca.empty()) {
     if (!endpoint.tls_cert.empty()) return absl::InvalidArgumentError("--tls-cert requires --tls-ca");
-    if (!endpoint.token_file.empty() && !IsLocalAddress(endpoint.address)) {
+    if (!endpoint.token_file.empty() && !AreLocal(endpoint.address)) {
       return absl::InvalidArgumentError("refusing to send the token unencrypted to " + endpoint.address +
                                         ": pass the certificate authority of the coordinator with --tls-ca FILE");
     }
-    return MakeChannel(endpoint.address, std::move(identity));
+    return Connect(endpoint.address, grpc::InsecureChannelCredentials(), std::move(identity));
   }
   grpc::SslCredentialsOptions tls;
   TESSERA_ASSIGN_OR_RETURN(tls.pem_root_certs, ReadFile(endpoint.tls_ca, kMaxPemBytes));

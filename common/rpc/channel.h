@@ -31,7 +31,8 @@ struct Endpoint {
   Endpoint(std::string to) : address(std::move(to)) {}
   Endpoint(const char* to) : address(to) {}
 
-  std::string address;  // HOST:PORT or unix:PATH
+  // HOST:PORT, unix:PATH, or a list HOST:PORT,HOST:PORT of coordinators that take over from each other.
+  std::string address;
   // PEM files, all optional. `tls_ca`: the certificate authorities that the caller trusts; empty: no TLS.
   std::string tls_ca;
   std::string tls_cert, tls_key;  // of the caller, for mutual TLS
@@ -48,6 +49,10 @@ bool IsLocalAddress(const std::string& address);
 bool IsSocketAddress(const std::string& address);
 // INVALID_ARGUMENT unless the address is HOST:PORT or unix:PATH with an absolute path that fits into sockaddr_un.
 Status CheckAddress(const std::string& address);
+// Whether the address of an endpoint is a list.
+bool IsAddressList(const std::string& address);
+// INVALID_ARGUMENT unless the address of an endpoint is one that CheckAddress accepts, or a list of HOST:PORT.
+Status CheckEndpointAddress(const std::string& address);
 
 // The credentials that a process sends with every call on a channel. Thread-safe.
 class CallIdentity {
@@ -81,6 +86,10 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address,
 
 // Like MakeChannel, with the endpoint's TLS settings. INVALID_ARGUMENT if a token would be sent over the network
 // without TLS; errors of reading the files. `identity` is made from the endpoint's token file.
+//
+// Of a list, the first address that accepts a connection is used; after a loss, all are tried again in order. Its names
+// are resolved here, once: UNAVAILABLE if one has no address. (gRPC resolves the name of a single address at every
+// connection.) With TLS, the certificate of each coordinator must name the first host of the list.
 StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const Endpoint& endpoint, std::shared_ptr<CallIdentity> identity);
 
 // Makes a server accept MakeChannel's keepalive pings (the default answer is too_many_pings). Call before

@@ -159,7 +159,10 @@ void AddAccessCommand(CLI::App& app, int* exit_code) {
       "  tessera access revoke keys vera");
   CLI::App* server = AddAction(*command, "server", "Create a certificate authority and the coordinator's certificate",
                                "keys city-server 10.0.0.5", flags, exit_code, MakeServer);
-  server->add_option("HOST", flags->hosts, "Host names and IP addresses of the coordinator")->required();
+  server
+      ->add_option("HOST", flags->hosts,
+                   "Host names and IP addresses of the coordinator, and of all that take over from it")
+      ->required();
   AddDays(*server, flags, 825, "Validity in days");
   CLI::App* token = AddAction(*command, "token", "Create tokens and add them to FOLDER/tokens",
                               "keys anna:submitter rack:worker", flags, exit_code, MakeTokens);

@@ -82,7 +82,11 @@ StatusOr<bool> HasWorseResult(Connection& connection, v1::Job job) {
 
 void AddCoordinatorOption(CLI::App& command, Endpoint* endpoint) {
   endpoint->address = DefaultAddress();
-  command.add_option("--coordinator", endpoint->address, "Address of the coordinator, HOST:PORT or unix:PATH")
+  command
+      .add_option(
+          "--coordinator", endpoint->address,
+          "Address of the coordinator, HOST:PORT or unix:PATH; a list HOST:PORT,HOST:PORT of those that take over "
+          "from each other")
       ->envname("TESSERA_COORDINATOR")
       ->capture_default_str();
   AddTlsOptions(command, endpoint);

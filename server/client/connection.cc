@@ -8,8 +8,8 @@
 #include <mutex>
 
 #include "common/base/refusal.h"
-#include "common/rpc/channel.h"
 #include "common/base/retry.h"
+#include "common/rpc/channel.h"
 #include "common/rpc/status_conversion.h"
 #include "server/client/job_text.h"
 #include "tessera/v1/jobs.grpc.pb.h"
@@ -21,16 +21,21 @@ namespace {
 constexpr double kCallSeconds = 30;
 constexpr double kCreateSeconds = 3600;  // the coordinator hashes every file of a new scene
 
-RetryPolicy ShortRetry() {
+constexpr double kTakeover_s = 20;  // longer than another coordinator takes to take over
+
+// `takeover`: waits for another coordinator.
+RetryPolicy ShortRetry(bool takeover = false) {
   RetryPolicy policy;
   policy.max_attempts = 6;
   policy.max_delay_s = 2;
+  if (takeover) policy.max_attempts += static_cast<int>(kTakeover_s / policy.max_delay_s);
   return policy;
 }
 
 }  // namespace
 
 struct Connection::Impl {
+  RetryPolicy retry;
   std::shared_ptr<grpc::Channel> channel;
   std::unique_ptr<v1::Jobs::Stub> jobs;
   std::unique_ptr<v1::Workers::Stub> workers;
@@ -46,7 +51,7 @@ struct Connection::Impl {
   Status Call(Stub& stub, grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
               const Request& request, Response* response, Idempotency idempotency = Idempotency::kIdempotent,
               double seconds = kCallSeconds) {
-    return Retry(ShortRetry(), idempotency, RealSleeper(), [&] {
+    return Retry(retry, idempotency, RealSleeper(), [&] {
       grpc::ClientContext context;
       SetDeadline(context, seconds);
       response->Clear();
@@ -81,10 +86,13 @@ Connection::~Connection() = default;
 StatusOr<std::unique_ptr<Connection>> Connection::Open(const Endpoint& endpoint, double seconds) {
   auto impl = std::make_unique<Impl>();
   TESSERA_ASSIGN_OR_RETURN(impl->channel, OpenChannel(endpoint, std::make_shared<CallIdentity>(endpoint.token_file)));
-  TESSERA_RETURN_IF_ERROR(WaitConnected(*impl->channel, endpoint.address, seconds));
+  const bool takeover = IsAddressList(endpoint.address);
+  impl->retry = ShortRetry(takeover);
+  TESSERA_RETURN_IF_ERROR(
+      WaitConnected(*impl->channel, endpoint.address, takeover ? std::max(seconds, kTakeover_s) : seconds));
   impl->jobs = v1::Jobs::NewStub(impl->channel);
   impl->workers = v1::Workers::NewStub(impl->channel);
-  impl->blobs = std::make_unique<BlobClient>(impl->channel, ShortRetry(), RealSleeper());
+  impl->blobs = std::make_unique<BlobClient>(impl->channel, impl->retry, RealSleeper());
   return std::unique_ptr<Connection>(new Connection(std::move(impl)));
 }
 

@@ -25,10 +25,12 @@ class RetryJobRequest;
 class WatchJobResponse;
 }  // namespace v1
 
-// Idempotent calls are retried for a few seconds while the coordinator is unavailable. Thread-safe.
+// Idempotent calls are retried for a few seconds while the coordinator is unavailable; if the endpoint lists several,
+// for as long as a takeover takes. Thread-safe.
 class Connection {
  public:
-  // UNAVAILABLE if the coordinator does not answer within `seconds`; errors of OpenChannel.
+  // UNAVAILABLE if no coordinator answers within `seconds`, or within a takeover if there are several; errors of
+  // OpenChannel.
   static StatusOr<std::unique_ptr<Connection>> Open(const Endpoint& endpoint, double seconds = 5);
   ~Connection();
 

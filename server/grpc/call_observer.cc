@@ -8,6 +8,7 @@
 #include <chrono>
 #include <optional>
 #include <string_view>
+#include <utility>
 
 #include "server/auth/audit.h"
 #include "tessera/v1/blobs.pb.h"
@@ -24,9 +25,11 @@ using Steady = std::chrono::steady_clock;
 // Observes one call. gRPC calls it once per event, in order.
 class CallObserver final : public grpc::experimental::Interceptor {
  public:
-  CallObserver(RpcCounts& counts, const Access& access, grpc::experimental::ServerRpcInfo& info)
+  CallObserver(RpcCounts& counts, const Access& access, const std::function<void()>& before_reply,
+               grpc::experimental::ServerRpcInfo& info)
       : counts_(counts),
         access_(access),
+        before_reply_(before_reply),
         info_(info),
         method_(info.method()),
         counted_(counts.Of(method_)),
@@ -42,6 +45,10 @@ class CallObserver final : public grpc::experimental::Interceptor {
       Sent(static_cast<const MessageLite*>(event->GetSendMessage()));
     }
     if (event->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS)) Ended(event->GetSendStatus());
+    if (before_reply_ && (event->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_MESSAGE) ||
+                          event->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS))) {
+      before_reply_();
+    }
     event->Proceed();
   }
 
@@ -80,6 +87,7 @@ class CallObserver final : public grpc::experimental::Interceptor {
 
   RpcCounts& counts_;
   const Access& access_;
+  const std::function<void()>& before_reply_;
   grpc::experimental::ServerRpcInfo& info_;
   const std::string_view method_;
   RpcCounts::OfMethod& counted_;
@@ -92,14 +100,16 @@ class CallObserver final : public grpc::experimental::Interceptor {
 
 class CallObservers final : public grpc::experimental::ServerInterceptorFactoryInterface {
  public:
-  CallObservers(RpcCounts* counts, const Access* access) : counts_(*counts), access_(*access) {}
+  CallObservers(RpcCounts* counts, const Access* access, std::function<void()> before_reply)
+      : counts_(*counts), access_(*access), before_reply_(std::move(before_reply)) {}
   grpc::experimental::Interceptor* CreateServerInterceptor(grpc::experimental::ServerRpcInfo* info) override {
-    return new CallObserver(counts_, access_, *info);
+    return new CallObserver(counts_, access_, before_reply_, *info);
   }
 
  private:
   RpcCounts& counts_;
   const Access& access_;
+  const std::function<void()> before_reply_;
 };
 
 }  // namespace
@@ -118,9 +128,9 @@ std::vector<std::string> AllMethods() {
   return methods;
 }
 
-std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(RpcCounts* counts,
-                                                                                    const Access* access) {
-  return std::make_unique<CallObservers>(counts, access);
+std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(
+    RpcCounts* counts, const Access* access, std::function<void()> before_reply) {
+  return std::make_unique<CallObservers>(counts, access, std::move(before_reply));
 }
 
 }  // namespace tessera

@@ -1,6 +1,7 @@
 // Interceptor of all calls: counts every call and audits those that change something.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -18,8 +19,10 @@ namespace tessera {
 std::vector<std::string> AllMethods();
 
 // For a ServerBuilder. `counts`, constructed from AllMethods, and `access` must outlive the server. Calls that `access`
-// refuses do not reach the interceptor.
+// refuses do not reach the interceptor. `before_reply`: called before each message and status that a call sends; may be
+// empty.
 std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(RpcCounts* counts,
-                                                                                    const Access* access);
+                                                                                    const Access* access,
+                                                                                    std::function<void()> before_reply);
 
 }  // namespace tessera

@@ -196,7 +196,7 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
   builder.AddChannelArgument(GRPC_ARG_ENABLE_CHANNELZ, 0);  // channelz is not served
   AllowKeepalive(builder);
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> observers;
-  observers.push_back(ObserveCalls(&impl->rpcs, services.access));
+  observers.push_back(ObserveCalls(&impl->rpcs, services.access, services.before_reply));
   builder.experimental().SetInterceptorCreators(std::move(observers));
   builder.RegisterService(&impl->jobs);
   builder.RegisterService(&impl->workers);

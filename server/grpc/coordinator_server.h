@@ -1,6 +1,7 @@
 // The coordinator's gRPC server: the services of tessera.v1, health and, if enabled, reflection.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -34,6 +35,9 @@ struct ServerEnvironment {
   std::string shared_blob_dir;
   std::string shared_probe_content;
   ClientLimitOptions limits = {};
+  // Called by the thread that answers before each message and status of a call leaves: a process that another
+  // coordinator may have replaced ends here, because its answers may be old. Must be quick. May be empty.
+  std::function<void()> before_reply = {};
 };
 
 struct ListenOptions {

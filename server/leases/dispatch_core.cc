@@ -28,7 +28,8 @@ DispatchCore::DispatchCore(const DispatchEnvironment& environment, const Dispatc
       options_(options),
       ledger_(kAlgorithmVersion),
       journal_(environment.store,
-               {options.durable_wait_s, ObserveWith(environment.on_change, changed_tasks_), environment.on_trouble}) {}
+               {options.durable_wait_s, ObserveWith(environment.on_change, changed_tasks_), environment.on_trouble,
+                environment.on_taken_over}) {}
 
 Status DispatchCore::Commit(v1::Record& record, Durability durability) {
   if (record.time_us() == 0) record.set_time_us(environment_.clock->UnixTimeUs());

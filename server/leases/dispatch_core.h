@@ -57,6 +57,8 @@ struct DispatchEnvironment {
   std::function<void(const Status& trouble)> on_trouble = {};
   // Called for each suspended worker. Same rules as on_change.
   std::function<void(const SuspendedWorker& worker)> on_worker_suspended = {};
+  // Called once if another coordinator has taken over the state. No change is acknowledged afterwards.
+  std::function<void(const Status& reason)> on_taken_over = {};
 };
 
 // A change is checked and applied in memory under the mutex; the journal stores it in batches. Calls of the blob store,

@@ -202,6 +202,10 @@ std::vector<MetricFamily> Families(const MetricSources& sources) {
   FamilyList list;
   list.Gauge("build_info", "1, with the version of the algorithms");
   list.Add(int64_t{1}, {{"algorithm_version", kAlgorithmVersion}});
+  const bool active = static_cast<bool>(sources.dispatch);
+  list.Gauge("coordinator_active", "1 while the coordinator serves, 0 while it stands by for another one",
+             int64_t{active ? 1 : 0});
+  if (!active) return list.Take();
   const DispatchSnapshot now = sources.dispatch();
   AddQueue(now, list);
   AddWork(now.counts, list);

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <mutex>
 #include <utility>
 #include <vector>
 
@@ -19,10 +20,18 @@ constexpr int kThreads = 2;  // concurrent scrapes
 class Page final : public prometheus::Collectable {
  public:
   explicit Page(MetricSources sources) : sources_(std::move(sources)) {}
-  std::vector<prometheus::MetricFamily> Collect() const override { return Families(sources_); }
+  std::vector<prometheus::MetricFamily> Collect() const override {
+    std::lock_guard lock(mutex_);
+    return Families(sources_);
+  }
+  void Replace(MetricSources sources) {
+    std::lock_guard lock(mutex_);
+    sources_ = std::move(sources);
+  }
 
  private:
-  const MetricSources sources_;
+  mutable std::mutex mutex_;
+  MetricSources sources_;
 };
 
 // Accepts one HOST:PORT; the server's own syntax (several ports, options) is refused.
@@ -48,6 +57,8 @@ MetricsServer::MetricsServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)
 MetricsServer::~MetricsServer() = default;
 
 const std::string& MetricsServer::address() const { return impl_->address; }
+
+void MetricsServer::Replace(MetricSources sources) { impl_->page->Replace(std::move(sources)); }
 
 StatusOr<std::unique_ptr<MetricsServer>> MetricsServer::Start(const std::string& address, MetricSources sources) {
   TESSERA_RETURN_IF_ERROR(CheckAddress(address));

@@ -15,7 +15,7 @@ namespace tessera {
 
 // Called at every scrape, from any thread.
 struct MetricSources {
-  std::function<DispatchSnapshot()> dispatch;
+  std::function<DispatchSnapshot()> dispatch;  // empty: the coordinator stands by, and has few metrics
   std::function<std::optional<int64_t>()> free_bytes;  // of the disk that holds the results
   const RpcCounts* rpcs = nullptr;
 };
@@ -29,6 +29,8 @@ class MetricsServer {
   ~MetricsServer();
   // The address with the bound port.
   const std::string& address() const;
+  // Serves other metrics from now on. The earlier sources are not used afterwards.
+  void Replace(MetricSources sources);
 
  private:
   struct Impl;

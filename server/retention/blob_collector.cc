@@ -50,7 +50,7 @@ StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
       const bool is_old = unix_us - file.since_us >= wait_us;
       if (file.kind == Kind::kBlob) {
         const uint64_t id = BlobReferences::IdOf(file.sha256);
-        if (references.Needs(id)) continue;
+        if (references.Needs(id) || options_.keep.contains(file.sha256)) continue;
         if (const int64_t since_us = references.SpareSince(id); since_us >= 0) {
           if (is_old) spare.push_back({since_us, std::move(file)});
           continue;

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,7 @@ struct CollectorOptions {
   // Above this size quarantined blobs are removed, oldest first, then intermediate results of ended jobs, oldest job
   // first; 0: no limit.
   int64_t limit_bytes = 0;
+  std::set<std::string> keep = {};  // SHA-256 of blobs that stay without a reference
 };
 
 struct Collected {

@@ -45,6 +45,7 @@ StatusOr<std::vector<BlobEntry>> Reclaimer::RemoveBlobs(const std::vector<BlobEn
     std::vector<BlobStore::FreeBytes> taken;
     {
       const std::unique_lock nobody_refers(core_.blob_use().mutex);
+      if (may_remove_ && !may_remove_()) return gone;
       const size_t end = std::min(next + kRemovedAtOnce, files.size());
       for (; next < end; ++next) {
         const BlobEntry& file = files[next];

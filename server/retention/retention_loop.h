@@ -15,6 +15,7 @@ namespace tessera {
 struct RetentionOptions {
   double keep_s = 0;  // how long ended jobs are kept; 0: for ever
   CollectorOptions collector;
+  std::function<bool()> may_remove_blobs = {};  // of Reclaimer
 };
 
 // Runs from construction to destruction. Logs errors and retries.

@@ -7,6 +7,9 @@
 #include <memory>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "server/store/state_store.h"
+
 namespace tessera {
 namespace {
 
@@ -49,9 +52,11 @@ int64_t Journal::last() const {
   return last_;
 }
 
-std::string Journal::WhyLateLocked() const {
-  return "unavailable: the coordinator cannot write its journal and keeps trying: " +
-         std::string(trouble_.ok() ? "the disk is slow" : trouble_.message());
+Status Journal::OutcomeLocked(int64_t number) const {
+  if (!taken_over_.ok()) return taken_over_;
+  if (number <= last_stored_) return absl::OkStatus();
+  return absl::UnavailableError(absl::StrCat("unavailable: the coordinator cannot write its journal and keeps trying: ",
+                                             trouble_.ok() ? "the disk is slow" : trouble_.message()));
 }
 
 int64_t Journal::stored() const {
@@ -68,16 +73,18 @@ Status Journal::Wait(int64_t number) const {
 void Journal::WhenStored(Done done) const { WhenStored(last(), std::move(done)); }
 
 void Journal::WhenStored(int64_t number, Done done) const {
+  Status outcome;
   {
     std::lock_guard lock(mutex_);
-    if (last_stored_ < number) {
+    if (last_stored_ < number && taken_over_.ok()) {
       const auto limit = std::chrono::microseconds(static_cast<int64_t>(options_.wait_s * 1e6));
       waiters_.push_back({number, std::chrono::steady_clock::now() + limit, std::move(done)});
       if (waiters_.size() == 1) stored_.notify_one();
       return;
     }
+    outcome = OutcomeLocked(number);
   }
-  done(absl::OkStatus());
+  done(outcome);
 }
 
 void Journal::EndWaits() {
@@ -85,7 +92,7 @@ void Journal::EndWaits() {
   while (true) {
     const auto now = std::chrono::steady_clock::now();
     const auto is_waiting = [&](const Waiter& waiter) {
-      return waiter.number > last_stored_ && waiter.until > now && !ended_;
+      return waiter.number > last_stored_ && waiter.until > now && !ended_ && taken_over_.ok();
     };
     const auto over = std::stable_partition(waiters_.begin(), waiters_.end(), is_waiting);
     if (over == waiters_.end()) {
@@ -99,12 +106,10 @@ void Journal::EndWaits() {
     }
     const std::vector<Waiter> ends(std::make_move_iterator(over), std::make_move_iterator(waiters_.end()));
     waiters_.erase(over, waiters_.end());
-    const int64_t last_stored = last_stored_;
-    const std::string too_late = WhyLateLocked();
+    std::vector<Status> outcomes;
+    for (const Waiter& waiter : ends) outcomes.push_back(OutcomeLocked(waiter.number));
     lock.unlock();
-    for (const Waiter& waiter : ends) {
-      waiter.done(waiter.number <= last_stored ? absl::OkStatus() : absl::UnavailableError(too_late));
-    }
+    for (size_t i = 0; i < ends.size(); ++i) ends[i].done(outcomes[i]);
     lock.lock();
   }
 }
@@ -171,6 +176,15 @@ bool Journal::Store(const std::vector<Entry>& batch) {
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     std::unique_lock lock(mutex_);
     CountLocked(records.size(), durability, seconds, status);
+    if (IsTakenOver(status)) {
+      lock.unlock();
+      if (options_.on_taken_over) options_.on_taken_over(status);
+      lock.lock();
+      trouble_ = status;
+      taken_over_ = absl::UnavailableError("unavailable: another coordinator has taken over: call it instead");
+      stored_.notify_one();
+      return false;
+    }
     const bool changed = trouble_.ok() != status.ok();
     trouble_ = status;
     if (changed && options_.on_trouble) {

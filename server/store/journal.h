@@ -11,8 +11,8 @@
 #include <thread>
 #include <vector>
 
-#include "server/store/histogram.h"
 #include "common/base/status.h"
+#include "server/store/histogram.h"
 #include "server/store/record_store.h"
 
 namespace tessera {
@@ -30,7 +30,8 @@ struct JournalStats {
 
 // Add returns at once. A caller waits until its record is stored before it acknowledges the change: with Wait, or with
 // WhenStored, which blocks no thread. A failed write (full disk, database locked by a backup) is retried until it
-// succeeds; order is kept and no record is skipped. Thread-safe.
+// succeeds; order is kept and no record is skipped. If another coordinator has taken over (IsTakenOver), nothing more
+// is stored, and every present and later wait ends with UNAVAILABLE. Thread-safe.
 class Journal {
  public:
   // OK when the records are stored; UNAVAILABLE with the reason if that takes longer than wait_s.
@@ -42,6 +43,8 @@ class Journal {
     std::function<void(const std::string& record)> on_stored = {};
     // Called with the error when writes begin to fail, and with OK when they succeed again. May be empty.
     std::function<void(const Status& trouble)> on_trouble = {};
+    // Called once if another coordinator has taken over, before any wait ends. May be empty.
+    std::function<void(const Status& reason)> on_taken_over = {};
   };
 
   // `store` must outlive the journal.
@@ -61,7 +64,7 @@ class Journal {
   // waiting, else from a thread of the journal. `done` must be quick and must not wait for the journal. No lock is
   // held.
   void WhenStored(Done done) const;
-  // Why writes fail now; OK if they do not.
+  // Why writes fail now; OK if they do not. Stays if another coordinator has taken over.
   Status trouble() const;
   JournalStats stats() const;
 
@@ -76,10 +79,12 @@ class Journal {
     Done done;
   };
   void Run();
-  bool Store(const std::vector<Entry>& batch);  // with retries; false if stopped before success
+  // Retries. False if stopped before success, or if another coordinator has taken over.
+  bool Store(const std::vector<Entry>& batch);
   void WhenStored(int64_t number, Done done) const;
   void CountLocked(size_t records, Durability durability, double seconds, const Status& status);
-  std::string WhyLateLocked() const;
+  // What a caller is told whose records up to `number` are stored, or never will be, or not in time.
+  Status OutcomeLocked(int64_t number) const;
   void EndWaits();
 
   RecordStore* const store_;
@@ -92,6 +97,7 @@ class Journal {
   int64_t last_ = 0;
   int64_t last_stored_ = 0;
   Status trouble_;
+  Status taken_over_;  // UNAVAILABLE once another coordinator has taken over
   JournalStats stats_;
   bool stop_ = false;
   bool ended_ = false;  // no further record will be stored

@@ -37,7 +37,7 @@ class Reader {
       TESSERA_RETURN_IF_ERROR(Walk(next, /*back=*/true).status());
     }
     // Small tables: copy every readable row.
-    for (const char* const table : {"removed", "set_aside", "deleted_jobs"}) CopyTable(table);
+    for (const char* const table : {"removed", "set_aside", "deleted_jobs", "kept"}) CopyTable(table);
     const auto starts = ReadNumber(from_, to_path_, "SELECT count FROM starts");
     TESSERA_RETURN_IF_ERROR(RunSql(
         to_, to_path_,
@@ -90,6 +90,12 @@ class Reader {
     Statement select(from_, ("SELECT * FROM " + table).c_str());
     while (select.Step() == SQLITE_ROW) {
       Statement insert(to_, ("INSERT OR IGNORE INTO " + table + (pairs ? " VALUES (?, ?)" : " VALUES (?)")).c_str());
+      if (table == "kept") {
+        insert.BindText(1, select.Bytes(0));
+        insert.BindText(2, select.Bytes(1));
+        insert.Step();
+        continue;
+      }
       insert.Bind(1, select.Int(0));
       if (table == "set_aside") {
         insert.BindText(2, select.Bytes(1));

@@ -32,8 +32,11 @@ constexpr char kSince4[] = R"(
   CREATE TABLE deleted_jobs (job INTEGER PRIMARY KEY);
   CREATE TABLE removed (first INTEGER PRIMARY KEY, last INTEGER NOT NULL);
 )";
-// Quarantined records; present in every version.
-constexpr char kQuarantined[] = "CREATE TABLE IF NOT EXISTS set_aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL)";
+// Quarantined records, and values by name. Present in every version: earlier releases can read the file.
+constexpr char kInEveryVersion[] = R"(
+  CREATE TABLE IF NOT EXISTS set_aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL);
+  CREATE TABLE IF NOT EXISTS kept (name TEXT PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID;
+)";
 
 std::string SetVersion() { return "PRAGMA user_version=" + std::to_string(kSchemaVersion) + ";"; }
 
@@ -93,7 +96,7 @@ Status PrepareSchema(sqlite3* db, const std::string& path, const OwnerOf& owner_
   }
   TESSERA_RETURN_IF_ERROR(CheckIntegrity(db, path));
   if (tables > 0 && version < kSchemaVersion) TESSERA_RETURN_IF_ERROR(Migrate(db, path, version, owner_of));
-  return RunSql(db, path, kQuarantined);
+  return RunSql(db, path, kInEveryVersion);
 }
 
 Status CopyDatabase(sqlite3* db, const std::string& path, const std::string& to, const std::string& change) {

@@ -2,12 +2,19 @@
 
 #include <sqlite3.h>
 
+#include <atomic>
+#include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <set>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "common/access/secrets.h"
+#include "common/storage/files.h"
+#include "server/store/record_rows.h"
 #include "server/store/sqlite_schema.h"
 #include "server/store/sqlite_statement.h"
 
@@ -15,6 +22,8 @@ namespace tessera {
 
 struct SqliteStore::Impl {
   std::string path;
+  std::optional<FileLock> lock;
+  std::atomic<bool> released = false;
   Database database{nullptr, sqlite3_close_v2};
   sqlite3* db = nullptr;  // `database`
   OwnerOf owner_of;
@@ -27,6 +36,10 @@ struct SqliteStore::Impl {
   Status Error(int code, const std::string& what) const { return SqliteError(path, db, code, what); }
 
   Status Run(const std::string& sql) { return RunSql(db, path, sql); }
+
+  Status CheckHeld() const {
+    return released ? absl::AbortedError(path + ": the right to write was given up") : absl::OkStatus();
+  }
 
   // Assign numbers here: SQLite would reuse the number of a removed record.
   Status Insert(const std::vector<std::string_view>& records) {
@@ -95,6 +108,18 @@ struct SqliteStore::Impl {
 SqliteStore::SqliteStore(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 SqliteStore::~SqliteStore() = default;
 
+StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::OpenLocked(const std::string& path, OwnerOf owner_of) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  auto lock = FileLock::Acquire((folder.empty() ? "." : folder) + "/lock");
+  if (!lock.ok()) {
+    return Status(lock.status().code(), "cannot lock " + folder + ", probably used by another coordinator: " +
+                                            std::string(lock.status().message()));
+  }
+  TESSERA_ASSIGN_OR_RETURN(auto store, Open(path, std::move(owner_of)));
+  store->impl_->lock = *std::move(lock);
+  return store;
+}
+
 StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path, OwnerOf owner_of) {
   auto impl = std::make_unique<Impl>();
   impl->path = path;
@@ -113,6 +138,7 @@ StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path
 
 Status SqliteStore::Append(const std::vector<std::string_view>& records, Durability durability) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(durability));
   TESSERA_RETURN_IF_ERROR(impl_->Run("BEGIN IMMEDIATE"));
   TESSERA_RETURN_IF_ERROR(impl_->End(impl_->Insert(records)));
@@ -133,33 +159,16 @@ Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>
   if (code != SQLITE_DONE) return impl_->Error(code, "cannot read which records were removed");
   TESSERA_ASSIGN_OR_RETURN(const std::set<int> deleted, impl_->DeletedJobs());
   Statement select(impl_->db, "SELECT id, content, xxh3, job FROM records ORDER BY id");
-  int64_t expected = 1;
-  auto next_removed = removed.begin();
+  RecordRows rows(std::move(quarantined), std::move(removed), deleted, visit);
   while ((code = select.Step()) == SQLITE_ROW) {
-    const int64_t id = select.Int(0);
-    for (; next_removed != removed.end() && next_removed->first == expected; ++next_removed) {
-      expected = next_removed->second + 1;
-    }
-    if (id != expected && !quarantined.contains(expected)) {
-      visit({expected, absl::DataLossError("record missing, as are all before " + std::to_string(id))});
-    }
-    expected = id + 1;
-    if (quarantined.contains(id) || deleted.contains(static_cast<int>(select.Int(3)))) continue;
-    const std::string record = select.Bytes(1);
-    if (static_cast<int64_t>(Xxh3(record)) == select.Int(2)) {
-      visit({id, record});
-    } else {
-      visit({id, absl::DataLossError("row " + std::to_string(id) + " of table records is damaged: its " +
-                                     std::to_string(record.size()) + " bytes hash to " +
-                                     std::to_string(static_cast<int64_t>(Xxh3(record))) + ", expected " +
-                                     std::to_string(select.Int(2)))});
-    }
+    rows.Add(select.Int(0), select.Bytes(1), select.Int(2), static_cast<int>(select.Int(3)));
   }
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot read records");
 }
 
 Status SqliteStore::Quarantine(int64_t number, const std::string& reason) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
   Statement insert(impl_->db, "INSERT OR IGNORE INTO set_aside VALUES (?, ?)");
   insert.Bind(1, number);
@@ -175,6 +184,7 @@ StatusOr<std::set<int>> SqliteStore::DeletedJobs() {
 
 StatusOr<int> SqliteStore::RemoveRecords(int max_records) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
   // A removal that is lost with the machine is repeated later.
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));
   Statement select(impl_->db,
@@ -214,6 +224,7 @@ std::optional<Digest> SqliteStore::Find(const std::string& path, const FileStamp
 
 Status SqliteStore::Remember(const std::string& path, const FileStamp& stamp, const Digest& digest) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));  // a lost digest is computed again
   Statement insert(impl_->db, "INSERT OR REPLACE INTO file_digests VALUES (?, ?, ?, ?)");
   insert.BindText(1, path);
@@ -222,6 +233,115 @@ Status SqliteStore::Remember(const std::string& path, const FileStamp& stamp, co
   insert.BindText(4, digest.sha256);
   const int code = insert.Step();
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot store a digest");
+}
+
+std::string SqliteStore::Location() const { return impl_->path; }
+
+StatusOr<std::string> SqliteStore::WorkerKey() {
+  const std::string file = (std::filesystem::path(impl_->path).parent_path() / "worker.key").string();
+  if (!FileExists(file)) return Keep("worker_key", RandomSecret());
+  TESSERA_ASSIGN_OR_RETURN(const std::string earlier, ReadSecretFile(file));
+  TESSERA_ASSIGN_OR_RETURN(std::string key, Keep("worker_key", earlier));
+  TESSERA_RETURN_IF_ERROR(RemoveTree(file));
+  return key;
+}
+
+StatusOr<std::string> SqliteStore::Keep(const std::string& name, const std::string& value) {
+  std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
+  Statement insert(impl_->db, "INSERT OR IGNORE INTO kept VALUES (?, ?)");
+  insert.BindText(1, name);
+  insert.BindBlob(2, value);
+  if (const int code = insert.Step(); code != SQLITE_DONE) return impl_->Error(code, "cannot keep a value");
+  Statement select(impl_->db, "SELECT value FROM kept WHERE name = ?");
+  select.BindText(1, name);
+  if (const int code = select.Step(); code != SQLITE_ROW) return impl_->Error(code, "cannot read a kept value");
+  return select.Bytes(0);
+}
+
+Status SqliteStore::Replace(const std::string& name, const std::string& value) {
+  std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
+  Statement insert(impl_->db, "INSERT OR REPLACE INTO kept VALUES (?, ?)");
+  insert.BindText(1, name);
+  insert.BindBlob(2, value);
+  const int code = insert.Step();
+  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot keep a value");
+}
+
+double SqliteStore::HeldFor_s() const { return impl_->released ? 0 : std::numeric_limits<double>::infinity(); }
+
+Status SqliteStore::Export(const RowSink& visit) {
+  std::lock_guard lock(impl_->mutex);
+  for (const StateTable& table : StateTables()) {
+    Statement select(impl_->db, absl::StrCat("SELECT ", ColumnsOf(table), " FROM ", table.name, " ORDER BY 1").c_str());
+    int code = SQLITE_OK;
+    while ((code = select.Step()) == SQLITE_ROW) {
+      StateRow row;
+      for (const StateTable::Column& column : table.columns) {
+        const int index = static_cast<int>(row.size());
+        row.push_back(column.type == StateTable::Type::kNumber ? std::to_string(select.Int(index))
+                                                               : select.Bytes(index));
+      }
+      TESSERA_RETURN_IF_ERROR(visit(table, row));
+    }
+    if (code != SQLITE_DONE) return impl_->Error(code, std::string("cannot read table ") + table.name);
+  }
+  return absl::OkStatus();
+}
+
+Status SqliteStore::Import(const std::function<Status(const RowSink& add)>& fill, int64_t starts) {
+  std::unique_lock lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
+  if (impl_->next_id > 1)
+    return absl::FailedPreconditionError(impl_->path + ": found records, expected an empty state");
+  std::string clear;
+  for (const StateTable& table : StateTables()) absl::StrAppend(&clear, "DELETE FROM ", table.name, ";");
+  std::map<const StateTable*, std::unique_ptr<Statement>> inserts;
+  TESSERA_RETURN_IF_ERROR(impl_->Run("BEGIN IMMEDIATE"));
+  Status status = impl_->Run(clear);
+  if (status.ok()) {
+    status = fill([&](const StateTable& table, const StateRow& row) {
+      auto& insert = inserts[&table];
+      if (insert == nullptr) {
+        std::string sql = absl::StrCat("INSERT INTO ", table.name, " (", ColumnsOf(table), ") VALUES (?");
+        for (size_t i = 1; i < table.columns.size(); ++i) sql += ", ?";
+        insert = std::make_unique<Statement>(impl_->db, (sql + ")").c_str());
+      }
+      for (int i = 0; i < static_cast<int>(row.size()); ++i) {
+        switch (table.columns[i].type) {
+          case StateTable::Type::kNumber:
+            insert->Bind(i + 1, std::stoll(row[i]));
+            break;
+          case StateTable::Type::kText:
+            insert->BindText(i + 1, row[i]);
+            break;
+          case StateTable::Type::kBlob:
+            insert->BindBlob(i + 1, row[i]);
+            break;
+        }
+      }
+      const int code = insert->Step();
+      const Status stored =
+          code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, std::string("cannot fill table ") + table.name);
+      insert->Reset();
+      return stored;
+    });
+  }
+  if (status.ok()) status = impl_->Run(absl::StrCat("UPDATE starts SET count = max(count, ", starts, ")"));
+  TESSERA_RETURN_IF_ERROR(impl_->End(std::move(status)));
+  lock.unlock();
+  Release();
+  return absl::OkStatus();
+}
+
+void SqliteStore::Release() {
+  std::lock_guard lock(impl_->mutex);
+  impl_->released = true;
+  impl_->lock.reset();
 }
 
 Status BackUp(const std::string& database, const std::string& to) {

@@ -7,46 +7,22 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <iostream>
-#include <memory>
 #include <string>
-#include <vector>
 
 #include "common/access/secrets.h"
-#include "common/base/clock.h"
+#include "common/log/log.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
-#include "common/storage/folder_blobs.h"
-#include "server/grpc/coordinator_server.h"
-#include "server/jobs/coordinator.h"
-#include "server/ledger/record_owner.h"
-#include "server/metrics/metrics_server.h"
-#include "server/retention/retention_loop.h"
-#include "server/store/sqlite_store.h"
-#include "server/tesserad/logging.h"
 #include "server/tesserad/maintenance.h"
+#include "server/tesserad/serve.h"
 
 namespace tessera {
 namespace {
 
-constexpr double kShutdownGrace_s = 1;  // for short calls that still run
-
-struct Flags {
-  std::string data;
-  ListenOptions listen;
-  std::string port_file, token_file;
-  std::vector<std::string> scene_roots;
-  double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
-  double keep_days = 0, blob_gib = 0;
-  double drain_s = 5;
-  JobLimits jobs;
-  WorkerLimits workers;
-  ClientLimitOptions limits;
-  double upload_gib = static_cast<double>(ClientLimitOptions().upload_bytes) / (int64_t{1} << 30);
-  std::string backup;
+struct Flags : ServeOptions {
+  std::string backup, copy_state;
   bool verify_state = false, deep = false, salvage = false;
-  bool no_shared_storage = false;
   std::string log_level = "info";
   bool json_logs = false;
   bool exit_with_parent = false;
@@ -66,128 +42,6 @@ void RaiseOpenFileLimit() {
   if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
   limit.rlim_cur = limit.rlim_max;
   ::setrlimit(RLIMIT_NOFILE, &limit);
-}
-
-// Warns about addresses that accept calls without a token.
-void WarnOfOpenAddresses(const CoordinatorServer& server, const Access& access) {
-  if (access.asks_for_tokens()) return;
-  for (const std::string& address : server.addresses()) {
-    if (IsSocketAddress(address)) continue;
-    LogEvent(LogLevel::kWarning,
-             IsLocalAddress(address) ? "no --token-file: every local user has all rights"
-                                     : "--insecure: every caller that reaches this address has all rights",
-             {{"address", address}});
-  }
-}
-
-// Waits up to `seconds` until no call transfers data or reads a scene. Another signal ends the process at once;
-// acknowledged changes are durable.
-void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& stop_signals) {
-  const timespec poll = {0, 50'000'000};
-  const SystemClock clock;
-  const int64_t until_us = clock.MonotonicUs() + static_cast<int64_t>(seconds * 1e6);
-  while (server.IsBusy() && clock.MonotonicUs() < until_us) {
-    if (const int signal = ::sigtimedwait(&stop_signals, nullptr, &poll); signal > 0) ::_exit(128 + signal);
-  }
-}
-
-// Serves until one of `stop_signals` arrives.
-Status Serve(const Flags& flags, const sigset_t& stop_signals) {
-  if (flags.data.empty())
-    return absl::InvalidArgumentError("found neither --data nor a home folder, expected --data FOLDER");
-  const std::string data = AbsolutePath(flags.data);
-  ListenOptions listen = flags.listen;
-  if (listen.addresses.empty()) listen.addresses = {"unix:" + data + "/socket"};
-  TESSERA_RETURN_IF_ERROR(CheckListenOptions(listen, !flags.token_file.empty()));
-  TESSERA_RETURN_IF_ERROR(EnsurePrivateFolder(data));
-  const auto lock = FileLock::Acquire(data + "/lock");
-  if (!lock.ok()) {
-    return Status(lock.status().code(), "cannot lock " + data + ", probably used by another coordinator: " +
-                                            std::string(lock.status().message()));
-  }
-  SystemClock clock;
-  TESSERA_ASSIGN_OR_RETURN(const std::string worker_key, EnsureSecretFile(data + "/worker.key"));
-  TESSERA_ASSIGN_OR_RETURN(const auto access, Access::Open(worker_key, flags.token_file, &clock));
-  AllowedFiles scene_files = AllowedFiles::OwnedBy(::geteuid());
-  if (!flags.scene_roots.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(scene_files, AllowedFiles::Under(flags.scene_roots));
-  }
-  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, FolderBlobs::Open(data + "/blobs"));
-  Planner planner;
-  DispatchOptions options;
-  options.lease_s = flags.lease_s;
-  options.max_check_gap_s = flags.lease_s / 2;  // at least two ticks
-  options.stall_s = flags.stall_s;
-  options.limits = flags.jobs;
-  options.worker_limits = flags.workers;
-  options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
-  TESSERA_ASSIGN_OR_RETURN(const auto coordinator,
-                           Coordinator::Open({store.get(), blobs.get(), &planner, &clock, LogRecord,
-                                              LogRecordQuarantined, LogJournalStatus, LogWorkerSuspended},
-                                             options));
-
-  ServerEnvironment environment;
-  environment.coordinator = coordinator.get();
-  environment.blobs = blobs.get();
-  environment.digests = store.get();
-  environment.clock = &clock;
-  environment.access = access.get();
-  environment.scene_files = scene_files;
-  environment.scenes_over_network = !flags.scene_roots.empty();
-  environment.limits = flags.limits;
-  environment.limits.upload_bytes = static_cast<int64_t>(flags.upload_gib * (int64_t{1} << 30));
-  if (!flags.no_shared_storage) {
-    environment.shared_blob_dir = blobs->root();
-    environment.shared_probe_path = blobs->root() + "/probe";
-    environment.shared_probe_content = RandomSecret();  // identifies this folder
-    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
-  }
-  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(listen, environment));
-  std::unique_ptr<MetricsServer> metrics;
-  if (!flags.listen.metrics.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(
-        metrics,
-        MetricsServer::Start(flags.listen.metrics, {[&] { return SnapshotOf(coordinator->core()); },
-                                                    [&] { return blobs->FreeSpace(); }, &server->rpc_counts()}));
-    std::cout << "metrics: http://" << metrics->address() << "/metrics" << std::endl;
-  }
-  if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));
-  for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
-  WarnOfOpenAddresses(*server, *access);
-  LogEvent(LogLevel::kInfo, "coordinator started",
-           {{"address", server->address()}, {"data", data}, {"start", std::to_string(store->StartCount())}});
-
-  RetentionOptions keeping;
-  keeping.keep_s = flags.keep_days * 86400;
-  keeping.collector.keep_quarantined_s = keeping.keep_s;
-  keeping.collector.limit_bytes = static_cast<int64_t>(flags.blob_gib * (int64_t{1} << 30));
-  keeping.collector.grace_s = std::max(keeping.collector.grace_s, 2 * flags.lease_s);
-  const RetentionLoop retention(coordinator->core(), blobs.get(), &clock, keeping);
-
-  const double tick_s = std::clamp(flags.lease_s / 4, 0.05, 1.0);
-  const timespec tick = {static_cast<time_t>(tick_s), static_cast<long>((tick_s - static_cast<time_t>(tick_s)) * 1e9)};
-  std::string last_error, last_refreshed = absl::OkStatus().ToString();
-  while (::sigtimedwait(&stop_signals, nullptr, &tick) < 0) {
-    if (const Status refreshed = access->Refresh(); refreshed.ToString() != last_refreshed) {
-      last_refreshed = refreshed.ToString();
-      if (!refreshed.ok()) {
-        LogEvent(LogLevel::kError, "token file not read: the earlier tokens stay valid", {{"error", last_refreshed}});
-      }
-    }
-    const Status status = coordinator->TickInBackground();
-    const std::string error = status.ok() ? "" : status.ToString();
-    // Log each error once, not at every tick.
-    if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "planning failed", {{"error", error}});
-    last_error = error;
-    server->Tick();
-  }
-  server->Drain();
-  LogEvent(LogLevel::kInfo, "coordinator drains", {{"seconds", std::to_string(flags.drain_s)}});
-  AwaitIdle(*server, flags.drain_s, stop_signals);
-  LogEvent(LogLevel::kInfo, "coordinator stops");
-  server->Shutdown(kShutdownGrace_s);
-  return absl::OkStatus();
 }
 
 // Prints the error, if any, and returns the exit code.
@@ -234,9 +88,24 @@ int Main(int argc, char** argv) {
       "  tesserad --listen 0.0.0.0:7575 --tls-cert keys/server.pem --tls-key keys/server.key --token-file keys/tokens "
       "\\\n"
       "           --scene-root /srv/cities\n"
-      "  tesserad --data /srv/tessera --backup state.backup");
+      "  tesserad --data /srv/tessera --backup state.backup\n"
+      "  tesserad --data /var/tessera --state postgresql://db/tessera --blobs /shared/blobs --scene-root "
+      "/shared/cities "
+      "\\\n"
+      "           --listen ...   (on two hosts: the second one stands by)\n"
+      "A coordinator that another one has replaced ends with exit code 75: start it again, and it stands by.");
   app.set_version_flag("--version", TESSERA_VERSION);
   app.add_option("--data", flags.data, "Folder for state and results")->capture_default_str();
+  app.add_option("--state", flags.state,
+                 "Database for the state, as libpq reads it: postgresql://HOST/DATABASE. Several coordinators may be "
+                 "started with one database: one serves, the others stand by and take over when it ends or is cut off. "
+                 "They need the same --blobs and --scene-root, and a --data of their own. Default: DATA/state.sqlite, "
+                 "for one coordinator, also on a shared folder")
+      ->type_name("URL");
+  app.add_option("--blobs", flags.blobs, "Folder for results (default DATA/blobs)")->type_name("FOLDER");
+  app.add_flag("--accept-blobs", flags.accept_blobs,
+               "With --state: use --blobs although it is not the store that the state was used with; results that it "
+               "lacks are recomputed");
   app.add_option(
       "--listen", flags.listen.addresses,
       "Addresses to listen on: HOST:PORT (port 0: any free port) or unix:PATH, whose users need no token (default "
@@ -284,9 +153,9 @@ int Main(int argc, char** argv) {
   app.add_option(
          "--drain-s", flags.drain_s,
          "Drain time after SIGTERM or SIGINT, seconds: refuse jobs and leases, report NOT_SERVING, and wait for "
-         "calls that transfer data or read a scene; a second signal stops at once")
-      ->check(CLI::Range(0.0, 86400.0))
-      ->capture_default_str();
+         "calls that transfer data or read a scene; a second signal stops at once (default 5, or 1 with --state, where "
+         "a standby takes over)")
+      ->check(CLI::Range(0.0, 86400.0));
   app.add_flag("--reflection", flags.listen.reflection,
                "Serve gRPC reflection (for grpcurl) to callers that may read jobs");
   AddLimits(app, flags);
@@ -294,10 +163,14 @@ int Main(int argc, char** argv) {
   instead(
       app.add_option("--backup", flags.backup, "Copy the state of the data folder, which may be in use, to this file"));
   CLI::Option* const verify = instead(app.add_flag(
-      "--verify-state", flags.verify_state, "Check the data folder and list its faults; exit code 1 if there are any"));
+      "--verify-state", flags.verify_state, "Check the state and list its faults; exit code 1 if there are any"));
   instead(app.add_flag("--deep", flags.deep, "With --verify-state: read and hash all results"))->needs(verify);
   instead(app.add_flag("--salvage", flags.salvage,
                        "Recover the readable records of a damaged state; the damaged file is kept under another name"));
+  instead(app.add_option("--copy-state", flags.copy_state,
+                         "Copy the state of a stopped coordinator to another database: a file or postgresql://..., "
+                         "which must be new or empty. Then start the coordinator with it (--state)"))
+      ->type_name("TO");
   app.add_flag("--no-shared-storage", flags.no_shared_storage,
                "Transfer all data of workers through the blob service; otherwise workers of this user read and write "
                "DATA/blobs directly and must be trusted");
@@ -315,11 +188,20 @@ int Main(int argc, char** argv) {
     return 2;
   }
   Status status;
-  if (!flags.backup.empty() || flags.verify_state || flags.salvage) {
+  // The command line is in the list of processes.
+  for (const std::string& url : {flags.state, flags.copy_state}) {
+    if (!url.empty() && HasPassword(url)) {
+      return ReportExit(absl::InvalidArgumentError(
+          "found a password in the address of the database, which every local user can read in the list of processes; "
+          "write it to a password file (~/.pgpass or PGPASSFILE) or a service file"));
+    }
+  }
+  if (!flags.backup.empty() || flags.verify_state || flags.salvage || !flags.copy_state.empty()) {
     const std::string data = AbsolutePath(flags.data);
-    if (!flags.backup.empty()) status = BackUpData(data, flags.backup);
-    if (status.ok() && flags.salvage) status = SalvageData(data);
-    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.deep);
+    if (!flags.backup.empty()) status = BackUpData(data, flags.state, flags.backup);
+    if (status.ok() && flags.salvage) status = SalvageData(data, flags.state);
+    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.state, flags.deep);
+    if (status.ok() && !flags.copy_state.empty()) status = CopyStateTo(data, flags.state, flags.copy_state);
     return ReportExit(status);
   }
   // Block the signals in every thread; Serve waits for them.

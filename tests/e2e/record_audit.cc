@@ -3,6 +3,7 @@
 #include <stdexcept>
 
 #include "server/store/sqlite_store.h"
+#include "server/store/state_store.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera::e2e {
@@ -120,15 +121,20 @@ void RecordAudit::Add(const v1::Record& record) {
   }
 }
 
-RecordAudit AuditRecords(const std::string& path) {
+RecordAudit AuditRecords(const std::string& state) {
   RecordAudit audit;
-  const auto store = SqliteStore::Open(path).value();
+  std::unique_ptr<StateStore> store;
+  if (IsPostgresUrl(state)) {
+    store = OpenState(state, {.holder = "audit", .wait = [](const std::string&, double) { return true; }}).value();
+  } else {
+    store = SqliteStore::Open(state).value();
+  }
   const Status read = store->Replay([&](const StoredRecord& stored) {
     v1::Record record;
     if (!stored.content.ok() || !record.ParseFromString(*stored.content)) record.Clear();
     audit.Add(record);
   });
-  if (!read.ok()) throw std::runtime_error(path + ": " + read.ToString());
+  if (!read.ok()) throw std::runtime_error(state + ": " + read.ToString());
   return audit;
 }
 

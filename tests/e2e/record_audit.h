@@ -51,7 +51,8 @@ class RecordAudit {
   int records_ = 0;
 };
 
-// Audits a coordinator's state.sqlite, which must not be in use.
-RecordAudit AuditRecords(const std::string& path);
+// Audits a coordinator's state.sqlite, which must not be in use, or its state in PostgreSQL, as soon as no coordinator
+// holds it.
+RecordAudit AuditRecords(const std::string& state);
 
 }  // namespace tessera::e2e

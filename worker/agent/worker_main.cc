@@ -38,7 +38,10 @@ struct Flags {
 };
 
 void AddFlags(CLI::App& app, Flags& flags) {
-  app.add_option("--coordinator", flags.coordinator.address, "Address of the coordinator, HOST:PORT or unix:PATH")
+  app.add_option(
+         "--coordinator", flags.coordinator.address,
+         "Address of the coordinator, HOST:PORT or unix:PATH; a list HOST:PORT,HOST:PORT of those that take over "
+         "from each other")
       ->envname("TESSERA_COORDINATOR")
       ->capture_default_str();
   app.add_option("--tls-ca", flags.coordinator.tls_ca,
@@ -167,6 +170,8 @@ int main(int argc, char** argv) {
                          tessera::CoreLimit(),
                          Machine()};
   options.retry.seed = static_cast<uint64_t>(getpid());
+  // Another coordinator of a list may have taken over at any time.
+  if (tessera::IsAddressList(flags.coordinator.address)) options.retry.max_delay_s = 1;
 
   const tessera::ThreadLimit thread_limit(options.description.threads);
   const auto agent = tessera::Agent::Create(options, tessera::RunTask);

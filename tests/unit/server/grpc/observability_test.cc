@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <fstream>
 #include <set>
 #include <sstream>
@@ -59,6 +60,7 @@ class ObservabilityTest : public CoordinatorTest {
                                 const AllowedFiles&) -> StatusOr<SceneListing> {
       return SceneListing{path, "fake", {"scene.json"}, {}};
     };
+    environment.before_reply = [this] { ++replies_; };
     environment_ = environment;
     server_ = *CoordinatorServer::Start("127.0.0.1:0", environment_);
     channel_ = MakeChannel(server_->address(), identity_);
@@ -116,6 +118,7 @@ class ObservabilityTest : public CoordinatorTest {
   }
 
   const std::string scene_ = folder_.path() + "/scene";
+  std::atomic<int> replies_ = 0;  // messages and statuses that left
   std::unique_ptr<SqliteStore> cache_;
   ServerEnvironment environment_;
   std::unique_ptr<CoordinatorServer> server_;
@@ -226,6 +229,26 @@ TEST_F(ObservabilityTest, ReadingCallsAreNotAudited) {
     EXPECT_NE(IsAudited(method), others.contains(method.substr(method.rfind('/') + 1))) << method;
   }
   EXPECT_FALSE(IsAudited("/other.Service/CreateJob"));
+}
+
+// A process that may have lost its state ends there.
+TEST_F(ObservabilityTest, NoAnswerLeavesBeforeTheCheckOfTheRightToWrite) {
+  v1::Job job;
+  ASSERT_TRUE(CreateJob("a", &job).ok());
+  for (const std::string& method : AllMethods()) {
+    const int before = replies_;
+    RawCall(channel_, method, "", {}, nullptr);
+    EXPECT_GT(replies_, before) << method;
+  }
+  const int before = replies_;
+  grpc::ClientContext context;
+  v1::WatchJobRequest request;
+  request.set_name(job.name());
+  v1::WatchJobResponse update;
+  const auto watch = jobs_->WatchJob(&context, request);
+  ASSERT_TRUE(watch->Read(&update));
+  EXPECT_GT(replies_, before) << "a message of a stream that goes on";
+  context.TryCancel();
 }
 
 TEST_F(ObservabilityTest, CallsAndBytesAreCounted) {

@@ -198,6 +198,17 @@ TEST_F(MetricsTest, MetricsAreServedOverHttp) {
   }
 }
 
+TEST_F(MetricsTest, StandbyServesItsRoleUntilItIsActive) {
+  const auto server = *MetricsServer::Start("127.0.0.1:0", {});
+  const std::string standby = HttpGet(server->address(), "/metrics");
+  EXPECT_THAT(standby, HasSubstr("tessera_coordinator_active 0"));
+  EXPECT_THAT(standby, Not(HasSubstr("tessera_jobs")));
+  server->Replace(sources_);
+  const std::string active = HttpGet(server->address(), "/metrics");
+  EXPECT_THAT(active, HasSubstr("tessera_coordinator_active 1"));
+  EXPECT_THAT(active, HasSubstr("tessera_jobs"));
+}
+
 // Every metric that deploy/alarms.yml uses exists from the start.
 TEST_F(MetricsTest, AlarmsUseExistingMetrics) {
   std::ifstream rules(TESSERA_SOURCE_DIR "/deploy/alarms.yml");

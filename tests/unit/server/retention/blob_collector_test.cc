@@ -192,6 +192,23 @@ TEST_F(BlobCollectorTest, AboveTheLimitRemovesRecomputableBlobsOldestJobsFirst) 
   EXPECT_EQ(Job(again).header.state, JobState::kSucceeded);
 }
 
+// Another coordinator may have taken over, whose references this one does not know.
+TEST_F(BlobCollectorTest, NothingIsRemovedWithoutTheRight) {
+  bool may_remove = false;
+  CollectorOptions options;
+  options.keep = {blobs_->PutBytes("kept without a reference")->sha256};
+  reclaimer_ = std::make_unique<Reclaimer>(coordinator_->core(), [&] { return may_remove; });
+  collector_ = std::make_unique<BlobCollector>(reclaimer_.get(), blobs_.get(), &clock_, options);
+  ASSERT_TRUE(blobs_->PutBytes("not needed").ok());
+  const auto before = Stored();
+  LookLong();
+  EXPECT_EQ(Stored(), before);
+  may_remove = true;
+  LookLong();
+  EXPECT_EQ(Stored().size(), before.size() - 1);
+  EXPECT_TRUE(blobs_->Has({*options.keep.begin(), 24}));
+}
+
 // Between marking and removal a job may add a reference to an unneeded blob.
 TEST_F(BlobCollectorTest, BlobWithANewReferenceStays) {
   const std::string first = Create(AJob(1));

@@ -11,6 +11,7 @@
 #include "server/store/sqlite_statement.h"
 #include "server/store/sqlite_store.h"
 #include "tests/support/version3_database.h"
+#include "tests/unit/server/store/state_fixture.h"
 
 namespace tessera {
 namespace {
@@ -25,77 +26,49 @@ RecordOwner OwnerOfText(std::string_view record) {
   return {record[0] - '0', record.substr(1) == " deleted"};
 }
 
-class DeletedRecordsTest : public testing::Test {
+class DeletedRecordsTest : public StateTest {
  protected:
-  std::unique_ptr<SqliteStore> Open() {
-    auto store = SqliteStore::Open(path_, OwnerOfText);
-    EXPECT_TRUE(store.ok()) << store.status();
-    return store.ok() ? *std::move(store) : nullptr;
-  }
-  static void Append(SqliteStore& store, const std::string& record) {
+  std::unique_ptr<StateStore> Open() { return StateTest::Open(OwnerOfText); }
+  static void Append(StateStore& store, const std::string& record) {
     ASSERT_TRUE(store.Append({record}, Durability::kMachine).ok());
   }
-  static std::vector<std::string> All(SqliteStore& store) {
-    std::vector<std::string> records;
-    const Status status = store.Replay([&](const StoredRecord& record) {
-      records.push_back(record.content.ok()
-                            ? *record.content
-                            : std::to_string(record.number) + ": " + record.content.status().ToString());
-    });
-    EXPECT_TRUE(status.ok()) << status;
-    return records;
-  }
-  // The first column of all rows.
-  std::vector<int64_t> Select(const std::string& sql, const std::string& path) {
-    std::vector<int64_t> numbers;
-    sqlite3* db = nullptr;
-    EXPECT_EQ(sqlite3_open(path.c_str(), &db), SQLITE_OK);
-    const auto add = [](void* to, int, char** values, char**) {
-      static_cast<std::vector<int64_t>*>(to)->push_back(std::strtoll(values[0], nullptr, 10));
-      return 0;
-    };
-    EXPECT_EQ(sqlite3_exec(db, sql.c_str(), add, &numbers, nullptr), SQLITE_OK) << sqlite3_errmsg(db);
-    sqlite3_close(db);
-    return numbers;
-  }
-
-  TempFolder folder_ = *TempFolder::Create(testing::TempDir());
-  const std::string path_ = folder_.path() + "/state.sqlite";
 };
+INSTANTIATE_TEST_SUITE_P(Databases, DeletedRecordsTest, AllDatabases(), DatabaseName);
 
-TEST_F(DeletedRecordsTest, DeletedRecordsAreSkippedAndRemovedInSteps) {
+TEST_P(DeletedRecordsTest, DeletedRecordsAreSkippedAndRemovedInSteps) {
   {
     auto store = Open();
     for (const char* record : {"1 a", "2 a", "text", "1 b", "2 b", "1 c", "1 deleted", "2 c"}) Append(*store, record);
   }
   const auto kept = ElementsAre("2 a", "text", "2 b", "1 deleted", "2 c");
-  EXPECT_THAT(All(*Open()), kept);
+  EXPECT_THAT(AllRecords(*Open()), kept);
   for (const int removed : {2, 1, 0}) {  // each by a process of its own
     auto store = Open();
     EXPECT_EQ(*store->RemoveRecords(2), removed);
-    EXPECT_THAT(All(*store), kept) << "nothing that was removed is taken for lost";
+    EXPECT_THAT(AllRecords(*store), kept) << "nothing that was removed is taken for lost";
   }
   EXPECT_THAT(*Open()->DeletedJobs(), ElementsAre(1));
-  EXPECT_THAT(Select("SELECT id FROM records ORDER BY id", path_), ElementsAre(2, 3, 5, 7, 8));
+  EXPECT_THAT(Select("SELECT id FROM records ORDER BY id"), ElementsAre(2, 3, 5, 7, 8));
   // Loss beside what was removed is still found.
-  Select("DELETE FROM records WHERE id = 5", path_);
-  EXPECT_THAT(All(*Open()), ElementsAre("2 a", "text", HasSubstr("5: DATA_LOSS: record missing"), "1 deleted", "2 c"));
+  Select("DELETE FROM records WHERE id = 5");
+  EXPECT_THAT(AllRecords(*Open()),
+              ElementsAre("2 a", "text", HasSubstr("5: DATA_LOSS: record missing"), "1 deleted", "2 c"));
 }
 
-TEST_F(DeletedRecordsTest, RecordNumbersAreNeverReused) {
+TEST_P(DeletedRecordsTest, RecordNumbersAreNeverReused) {
   {
     auto store = Open();
     for (const char* record : {"1 a", "1 deleted", "1 late", "1 later"}) Append(*store, record);
     EXPECT_EQ(*store->RemoveRecords(10), 3);
   }
   Append(*Open(), "2 a");
-  EXPECT_THAT(Select("SELECT id FROM records ORDER BY id", path_), ElementsAre(2, 5));
-  EXPECT_THAT(All(*Open()), ElementsAre("1 deleted", "2 a"));
+  EXPECT_THAT(Select("SELECT id FROM records ORDER BY id"), ElementsAre(2, 5));
+  EXPECT_THAT(AllRecords(*Open()), ElementsAre("1 deleted", "2 a"));
 }
 
 // Whatever is deleted in whatever order and steps, what is visited is just what is kept, and the ranges of removed
 // numbers are as few as can be.
-TEST_F(DeletedRecordsTest, OtherRecordsAreKept) {
+TEST_P(DeletedRecordsTest, OtherRecordsAreKept) {
   std::mt19937 random(1);
   auto store = Open();
   std::vector<std::string> records;
@@ -118,26 +91,46 @@ TEST_F(DeletedRecordsTest, OtherRecordsAreKept) {
   std::erase_if(records, [&](const std::string& record) {
     return deleted.contains(record[0]) && record.substr(1) != " deleted";
   });
-  EXPECT_EQ(All(*store), records);
+  EXPECT_EQ(AllRecords(*store), records);
   while (*store->RemoveRecords(7) > 0) {
   }
-  EXPECT_EQ(All(*store), records);
-  EXPECT_THAT(Select("SELECT count(*) FROM records", path_), ElementsAre(static_cast<int64_t>(records.size())));
-  EXPECT_THAT(
-      Select("SELECT a.first FROM removed a JOIN removed b ON a.last + 1 >= b.first AND a.first < b.first", path_),
-      IsEmpty());
+  EXPECT_EQ(AllRecords(*store), records);
+  EXPECT_THAT(Select("SELECT count(*) FROM records"), ElementsAre(static_cast<int64_t>(records.size())));
+  EXPECT_THAT(Select("SELECT a.first FROM removed a JOIN removed b ON a.last + 1 >= b.first AND a.first < b.first"),
+              IsEmpty());
 }
 
-TEST_F(DeletedRecordsTest, PreviousVersionIsMigratedAndCopied) {
+class SqliteFileTest : public testing::Test {
+ protected:
+  std::unique_ptr<SqliteStore> Open() {
+    auto store = SqliteStore::Open(path_, OwnerOfText);
+    EXPECT_TRUE(store.ok()) << store.status();
+    return store.ok() ? *std::move(store) : nullptr;
+  }
+  static void Append(StateStore& store, const std::string& record) {
+    ASSERT_TRUE(store.Append({record}, Durability::kMachine).ok());
+  }
+  // The first column of all rows.
+  static std::vector<int64_t> Select(const std::string& sql, const std::string& path) {
+    std::vector<int64_t> numbers;
+    for (const std::string& text : RunSqlite(path, sql)) numbers.push_back(std::strtoll(text.c_str(), nullptr, 10));
+    return numbers;
+  }
+
+  TempFolder folder_ = *TempFolder::Create(testing::TempDir());
+  const std::string path_ = folder_.path() + "/state.sqlite";
+};
+
+TEST_F(SqliteFileTest, PreviousVersionIsMigratedAndCopied) {
   MakeVersion3Database(path_, {"1 a", "text", "2 a"});
   {
     auto store = Open();
     EXPECT_EQ(store->StartCount(), 7);
-    EXPECT_THAT(All(*store), ElementsAre("1 a", "text", "2 a"));
+    EXPECT_THAT(AllRecords(*store), ElementsAre("1 a", "text", "2 a"));
     Append(*store, "1 deleted");
     EXPECT_THAT(*store->RemoveRecords(10), 1);
   }
-  EXPECT_THAT(All(*Open()), ElementsAre("text", "2 a", "1 deleted"));
+  EXPECT_THAT(AllRecords(*Open()), ElementsAre("text", "2 a", "1 deleted"));
   EXPECT_THAT(Select("PRAGMA user_version", path_), ElementsAre(4));
   const std::string copy = path_ + ".v3";
   EXPECT_THAT(Select("PRAGMA user_version", copy), ElementsAre(3));
@@ -147,7 +140,7 @@ TEST_F(DeletedRecordsTest, PreviousVersionIsMigratedAndCopied) {
 }
 
 // A migration that fails half way leaves all as it was.
-TEST_F(DeletedRecordsTest, MigrationIsAtomic) {
+TEST_F(SqliteFileTest, MigrationIsAtomic) {
   { Append(*Open(), "1 a"); }
   // As of version 3, but with a table in the way that only the last step makes.
   Select(
@@ -157,10 +150,10 @@ TEST_F(DeletedRecordsTest, MigrationIsAtomic) {
   EXPECT_FALSE(SqliteStore::Open(path_, OwnerOfText).ok()) << "removed is there already";
   EXPECT_THAT(Select("PRAGMA user_version", path_), ElementsAre(3));
   Select("DROP TABLE removed", path_);
-  EXPECT_THAT(All(*Open()), ElementsAre("1 a"));
+  EXPECT_THAT(AllRecords(*Open()), ElementsAre("1 a"));
 }
 
-TEST_F(DeletedRecordsTest, BackupIsASnapshotWithUniqueStartCounts) {
+TEST_F(SqliteFileTest, BackupIsASnapshotWithUniqueStartCounts) {
   const std::string backup = folder_.path() + "/backup";
   auto store = Open();
   Append(*store, "1 a");
@@ -171,16 +164,16 @@ TEST_F(DeletedRecordsTest, BackupIsASnapshotWithUniqueStartCounts) {
   ASSERT_TRUE(RemoveTree(path_).ok());
   ASSERT_TRUE(CopyFileDurably(backup, path_).ok());
   store = Open();
-  EXPECT_THAT(All(*store), ElementsAre("1 a"));
+  EXPECT_THAT(AllRecords(*store), ElementsAre("1 a"));
   EXPECT_GT(store->StartCount(), starts + 1'000'000);
   Append(*store, "1 c");
-  EXPECT_THAT(All(*store), ElementsAre("1 a", "1 c"));
+  EXPECT_THAT(AllRecords(*store), ElementsAre("1 a", "1 c"));
   EXPECT_FALSE(BackUp(folder_.path() + "/none", backup).ok());
   EXPECT_THAT(Select("SELECT id FROM records", backup), ElementsAre(1)) << "a copy that failed replaces none";
 }
 
 // Pages in the middle of the file are overwritten: what lies on others is kept.
-TEST_F(DeletedRecordsTest, ReadableRecordsOfDamagedFileAreSalvaged) {
+TEST_F(SqliteFileTest, ReadableRecordsOfDamagedFileAreSalvaged) {
   constexpr int kRecords = 3000;
   int64_t starts = 0;
   {

@@ -21,6 +21,7 @@ class GatedStore : public RecordStore {
       --refusals_;
       return absl::ResourceExhaustedError("disk full");
     }
+    if (taken_over_) return absl::AbortedError("another coordinator has taken over");
     batches.emplace_back(records.begin(), records.end());
     durabilities.push_back(durability);
     return absl::OkStatus();
@@ -37,6 +38,10 @@ class GatedStore : public RecordStore {
     refusals_ = refusals;
     changed_.notify_all();
   }
+  void TakeOver() {
+    std::lock_guard lock(mutex_);
+    taken_over_ = true;
+  }
   void WaitUntilAsked() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return asked_ > 0; });
@@ -48,7 +53,7 @@ class GatedStore : public RecordStore {
  private:
   std::mutex mutex_;
   std::condition_variable changed_;
-  bool open_ = false;
+  bool open_ = false, taken_over_ = false;
   int asked_ = 0, refusals_ = 0;
 };
 
@@ -131,6 +136,10 @@ class Told {
       changed_.notify_all();
     };
   }
+  size_t count() {
+    std::lock_guard lock(mutex_);
+    return codes_.size();
+  }
   std::vector<absl::StatusCode> Await(size_t count) {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return codes_.size() >= count; });
@@ -201,6 +210,39 @@ TEST(JournalTest, DestructorEndsAllWaits) {
     journal.WhenStored(told.Next());
   }
   EXPECT_THAT(told.Await(2), ElementsAre(kOk, kUnavailable));
+}
+
+TEST(JournalTest, TakeoverEndsItAndNobodyIsToldOk) {
+  GatedStore store;
+  Told told;
+  std::vector<std::string> troubles, reasons;
+  store.Open();
+  Journal journal(&store, {.wait_s = 3600,
+                           .on_trouble = [&](const Status& trouble) { troubles.emplace_back(trouble.message()); },
+                           .on_taken_over =
+                               [&](const Status& reason) {
+                                 EXPECT_EQ(told.count(), 1u) << "nobody is told before the process knows";
+                                 reasons.emplace_back(reason.message());
+                               }});
+  journal.Add("a", Durability::kMachine);
+  journal.WhenStored(told.Next());
+  EXPECT_THAT(told.Await(1), ElementsAre(kOk));
+  store.TakeOver();
+  const int64_t lost = journal.Add("b", Durability::kMachine);
+  journal.WhenStored(told.Next());
+  EXPECT_THAT(told.Await(2), ElementsAre(kOk, kUnavailable));
+  EXPECT_THAT(reasons, ElementsAre(HasSubstr("taken over")));
+  EXPECT_THAT(troubles, ElementsAre()) << "it is not tried again";
+
+  const Status later = journal.Wait(lost), earlier = journal.Wait(1);
+  EXPECT_EQ(later.code(), kUnavailable);
+  EXPECT_THAT(std::string(later.message()), HasSubstr("another coordinator has taken over"));
+  EXPECT_EQ(earlier.code(), kUnavailable) << "what was stored may be old by now";
+  journal.Add("c", Durability::kMachine);
+  journal.WhenStored(told.Next());
+  EXPECT_THAT(told.Await(3), ElementsAre(kOk, kUnavailable, kUnavailable));
+  EXPECT_FALSE(journal.trouble().ok());
+  EXPECT_THAT(store.batches, ElementsAre(ElementsAre("a")));
 }
 
 }  // namespace
