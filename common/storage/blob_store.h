@@ -83,13 +83,20 @@ class BlobStore {
 
   // Number of parts in which List returns the store. Each part fits in memory.
   static constexpr int kParts = 258;
-  // All objects of a part. Some may have been removed since. Unknown files are not listed.
-  virtual std::vector<BlobEntry> List(int part) const = 0;
-  // Removes a listed object. Returns a function that frees its bytes, which may take long; until then, List returns a
-  // kLeftover. NOT_FOUND if the object does not exist, or if it is a blob whose time has changed from `entry.since_us`
+  // All objects of a part. Some may have been removed since. Unknown files are not listed. Errors of a remote store.
+  virtual StatusOr<std::vector<BlobEntry>> List(int part) const = 0;
+  // Removes a listed object. Returns a function that frees its bytes, which may take long; until then, List may return
+  // a kLeftover. NOT_FOUND if the object does not exist, or if it is a blob whose time has changed from `entry.since_us`
   // (kAnyTime: not compared).
   using FreeBytes = std::function<void()>;
   virtual StatusOr<FreeBytes> Remove(const BlobEntry& entry) = 0;
+  struct Removed {
+    std::vector<BlobEntry> entries;
+    FreeBytes free_bytes;  // of all of them
+  };
+  // The same for several objects at once, which takes less time in a remote store. Skips objects for which Remove would
+  // return NOT_FOUND.
+  virtual StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries);
 
   // --- Properties ---
 

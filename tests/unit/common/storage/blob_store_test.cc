@@ -82,7 +82,7 @@ class BlobStoreTest : public testing::TestWithParam<Implementation> {
   std::vector<BlobEntry> List() {
     std::vector<BlobEntry> entries;
     for (int part = 0; part < BlobStore::kParts; ++part) {
-      for (BlobEntry& entry : store().List(part)) entries.push_back(std::move(entry));
+      for (auto listed = *store().List(part); BlobEntry& entry : listed) entries.push_back(std::move(entry));
     }
     return entries;
   }
