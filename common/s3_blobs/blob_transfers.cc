@@ -34,11 +34,10 @@ StatusOr<BlobUpload> BlobTransfers::Write(const Digest& digest, const std::vecto
   upload.stored = found.ok();
   if (upload.stored) return upload;
   if (!absl::IsNotFound(found)) return found;
-  const bool hashed = check_ == UploadCheck::kHash;
+  if (!hash_) return absl::FailedPreconditionError("the object store takes no uploads by signed URLs");
   const std::string key = S3Blobs::KeyOf(digest);
   if (digest.size_bytes <= options_.max_put_bytes) {
-    TESSERA_ASSIGN_OR_RETURN(SignedRequest request,
-                             client_->SignPut(key, hashed ? digest.sha256 : "", options_.valid_s));
+    TESSERA_ASSIGN_OR_RETURN(SignedRequest request, client_->SignPut(key, digest.sha256, options_.valid_s, *hash_));
     upload.requests.push_back(std::move(request));
     return upload;
   }
@@ -54,9 +53,8 @@ StatusOr<BlobUpload> BlobTransfers::Write(const Digest& digest, const std::vecto
     TESSERA_ASSIGN_OR_RETURN(upload.id, client_->StartUpload(key));
   }
   for (int64_t part = 0; part < parts; ++part) {
-    TESSERA_ASSIGN_OR_RETURN(SignedRequest request,
-                             client_->SignPart(key, upload.id, static_cast<int>(part) + 1,
-                                               hashed ? part_sha256[part] : "", options_.valid_s));
+    TESSERA_ASSIGN_OR_RETURN(SignedRequest request, client_->SignPart(key, upload.id, static_cast<int>(part) + 1,
+                                                                      part_sha256[part], options_.valid_s, *hash_));
     upload.requests.push_back(std::move(request));
   }
   return upload;
@@ -71,31 +69,34 @@ Status BlobTransfers::Complete(const Digest& digest, const std::string& id,
   return completed;
 }
 
-StatusOr<UploadCheck> TryUploads(S3Client& client, const std::string& folder) {
+StatusOr<std::optional<SignedHash>> TryUploads(S3Client& client, const std::string& folder) {
   TESSERA_ASSIGN_OR_RETURN(const TempFolder scratch, TempFolder::Create(folder));
   const std::string key = absl::StrCat("probe/", UniqueName()), content = "right bytes", other = "wrong bytes";
   const std::string right_file = scratch.path() + "/right", wrong_file = scratch.path() + "/wrong";
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(right_file, content));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(wrong_file, other));
   SignedTransfers transfers;
-  const auto send = [&](const std::string& sha256, const std::string& file) -> Status {
-    TESSERA_ASSIGN_OR_RETURN(const SignedRequest request, client.SignPut(key, sha256, kProbe_s));
+  const auto send = [&](SignedHash hash, const std::string& file) -> Status {
+    TESSERA_ASSIGN_OR_RETURN(const SignedRequest request, client.SignPut(key, Sha256Hex(content), kProbe_s, hash));
     return transfers.Put(request, file, 0, static_cast<int64_t>(content.size())).status();
   };
-  const auto find_out = [&]() -> StatusOr<UploadCheck> {
-    const std::string sha256 = Sha256Hex(content);
-    const Status wrong = send(sha256, wrong_file), right = send(sha256, right_file);
-    if (IsOutage(wrong)) return wrong;
-    if (IsOutage(right)) return right;
-    if (!wrong.ok() && right.ok()) return UploadCheck::kHash;
-    const Status unhashed = send("", right_file);
+  const auto find_out = [&]() -> StatusOr<std::optional<SignedHash>> {
+    for (const SignedHash hash : {SignedHash::kContent, SignedHash::kChecksum}) {
+      const Status wrong = send(hash, wrong_file);
+      if (IsOutage(wrong)) return wrong;
+      if (wrong.ok()) continue;
+      const Status right = send(hash, right_file);
+      if (IsOutage(right)) return right;
+      if (right.ok()) return std::optional(hash);
+    }
+    const Status unhashed = send(SignedHash::kNone, right_file);
     if (IsOutage(unhashed)) return unhashed;
-    return unhashed.ok() ? UploadCheck::kNoHash : UploadCheck::kRefused;
+    return unhashed.ok() ? std::optional(SignedHash::kNone) : std::nullopt;
   };
-  const StatusOr<UploadCheck> check = find_out();
+  const StatusOr<std::optional<SignedHash>> hash = find_out();
   const Status removed = client.Delete({key});
-  if (check.ok()) TESSERA_RETURN_IF_ERROR(removed);
-  return check;
+  if (hash.ok()) TESSERA_RETURN_IF_ERROR(removed);
+  return hash;
 }
 
 }  // namespace tessera

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -10,13 +11,6 @@
 #include "common/s3_blobs/s3_blobs.h"
 
 namespace tessera {
-
-// What the store checks of an upload by a signed URL.
-enum class UploadCheck {
-  kHash,     // the URL signs the hash of the content: the store refuses all other bytes
-  kNoHash,   // the store refuses or ignores a signed hash, so the URL signs none: it can store wrong bytes
-  kRefused,  // the store takes no upload by a signed URL
-};
 
 // How to send a blob.
 struct BlobUpload {
@@ -37,13 +31,14 @@ struct BlobTransferOptions {
 // Thread-safe. Errors of S3Client.
 class BlobTransfers {
  public:
-  // The objects must outlive this.
-  BlobTransfers(S3Client* client, S3Blobs* blobs, UploadCheck check, const BlobTransferOptions& options = {})
-      : client_(client), blobs_(blobs), check_(check), options_(options) {}
+  // The objects must outlive this. `hash`: see TryUploads.
+  BlobTransfers(S3Client* client, S3Blobs* blobs, std::optional<SignedHash> hash,
+                const BlobTransferOptions& options = {})
+      : client_(client), blobs_(blobs), hash_(hash), options_(options) {}
 
   double valid_s() const { return options_.valid_s; }
   // Whether Write returns requests.
-  bool takes_uploads() const { return check_ != UploadCheck::kRefused; }
+  bool takes_uploads() const { return hash_.has_value(); }
 
   // Does not check that the blob exists.
   StatusOr<SignedRequest> Read(const Digest& digest) const;
@@ -58,12 +53,13 @@ class BlobTransfers {
  private:
   S3Client* const client_;
   S3Blobs* const blobs_;
-  const UploadCheck check_;
+  const std::optional<SignedHash> hash_;
   const BlobTransferOptions options_;
 };
 
-// Finds out what the store checks: sends other bytes, then the right ones, by signed URLs to a key under probe/, and
-// removes it. `folder`: for a temporary file.
-StatusOr<UploadCheck> TryUploads(S3Client& client, const std::string& folder);
+// Finds out which signed hash the store enforces: sends other bytes, then the right ones, by signed URLs to a key under
+// probe/, and removes it. kNone: the store refuses or ignores signed hashes, so a URL can store wrong bytes. Nullopt:
+// the store takes no upload by a signed URL. `folder`: for temporary files.
+StatusOr<std::optional<SignedHash>> TryUploads(S3Client& client, const std::string& folder);
 
 }  // namespace tessera

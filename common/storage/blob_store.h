@@ -90,13 +90,6 @@ class BlobStore {
   // (kAnyTime: not compared).
   using FreeBytes = std::function<void()>;
   virtual StatusOr<FreeBytes> Remove(const BlobEntry& entry) = 0;
-  struct Removed {
-    std::vector<BlobEntry> entries;
-    FreeBytes free_bytes;  // of all of them
-  };
-  // The same for several objects at once, which takes less time in a remote store. Skips objects for which Remove would
-  // return NOT_FOUND.
-  virtual StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries);
 
   // --- Properties ---
 
@@ -107,6 +100,16 @@ class BlobStore {
   // Path of the blob's file for processes that share the store's file system, whether or not the blob exists. They may
   // read and link the file but must not write to it. Nullopt if the store has no such files.
   virtual std::optional<std::string> LocalPath(const Digest& digest) const = 0;
+
+  // --- Remove several ---
+
+  struct Removed {
+    std::vector<BlobEntry> entries;
+    FreeBytes free_bytes;  // of all of them
+  };
+  // Removes several listed objects at once, which takes less time in a remote store. Skips objects for which Remove would
+  // return NOT_FOUND.
+  virtual StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries);
 };
 
 }  // namespace tessera
