@@ -7,6 +7,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
+#include "common/s3_blobs/blob_transfers.h"
 #include "common/storage/blob_store.h"
 #include "server/admission/scene_reader.h"
 #include "server/auth/access.h"
@@ -33,6 +34,8 @@ struct ServerEnvironment {
   std::string shared_probe_path;
   std::string shared_blob_dir;
   std::string shared_probe_content;
+  // Signs the URLs with which callers read and write the blobs directly; null: all pass the blob service.
+  const BlobTransfers* transfers = nullptr;
   ClientLimitOptions limits = {};
 };
 

@@ -35,10 +35,10 @@ bool MayPass(const Status& status) { return IsFileError(status) || absl::IsResou
 TaskControl Moving(const TaskControl& control, double fraction, const std::string& stage) {
   TaskControl moving;
   moving.cancelled = control.cancelled;
-  moving.report = [&control, fraction, stage](double share, const std::string&) {
+  moving.report = [&control, fraction, stage](double share, const std::string& reason) {
     char percent[32];
     std::snprintf(percent, sizeof(percent), " (%.1f %%)", 100 * share);
-    control.Report(fraction, stage + percent);
+    control.Report(fraction, stage + percent + (reason.empty() ? "" : ": " + reason));
   };
   return moving;
 }

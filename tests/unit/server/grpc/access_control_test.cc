@@ -45,6 +45,8 @@ const std::map<std::string, std::set<std::string>> kMayCall = {
     {"/tessera.v1.Blobs/ReadBlob", {"viewer", "submitter", "worker", "admin"}},
     {"/tessera.v1.Blobs/WriteBlob", {"worker"}},
     {"/tessera.v1.Blobs/QueryWrite", {"worker"}},
+    {"/tessera.v1.Blobs/GetTransfers", {"viewer", "submitter", "worker", "admin"}},
+    {"/tessera.v1.Blobs/CompleteTransfer", {"worker"}},
     {"/grpc.health.v1.Health/Check", {"viewer", "submitter", "worker", "admin"}},
     {"/grpc.health.v1.Health/Watch", {"viewer", "submitter", "worker", "admin"}},
     {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", {"viewer", "submitter", "admin"}},
