@@ -17,7 +17,6 @@
 #include "common/base/clock.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
-#include "common/storage/folder_blobs.h"
 #include "server/grpc/coordinator_server.h"
 #include "server/jobs/coordinator.h"
 #include "server/ledger/record_owner.h"
@@ -26,6 +25,7 @@
 #include "server/store/sqlite_store.h"
 #include "server/tesserad/logging.h"
 #include "server/tesserad/maintenance.h"
+#include "server/tesserad/open_blobs.h"
 
 namespace tessera {
 namespace {
@@ -47,6 +47,7 @@ struct Flags {
   std::string backup;
   bool verify_state = false, deep = false, salvage = false;
   bool no_shared_storage = false;
+  BlobFlags blobs;
   std::string log_level = "info";
   bool json_logs = false;
   bool exit_with_parent = false;
@@ -113,7 +114,14 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     TESSERA_ASSIGN_OR_RETURN(scene_files, AllowedFiles::Under(flags.scene_roots));
   }
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, FolderBlobs::Open(data + "/blobs"));
+  RetentionOptions keeping;
+  keeping.keep_s = flags.keep_days * 86400;
+  keeping.collector.keep_quarantined_s = keeping.keep_s;
+  keeping.collector.limit_bytes = static_cast<int64_t>(flags.blob_gib * (int64_t{1} << 30));
+  keeping.collector.grace_s = std::max(keeping.collector.grace_s, 2 * flags.lease_s);
+  TESSERA_ASSIGN_OR_RETURN(OpenedBlobs opened, OpenBlobs(flags.blobs, data, keeping.collector.grace_s, &clock));
+  TESSERA_RETURN_IF_ERROR(OpenTransfers(opened, data));
+  BlobStore* const blobs = opened.store.get();
   Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
@@ -123,13 +131,14 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   options.worker_limits = flags.workers;
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
   TESSERA_ASSIGN_OR_RETURN(const auto coordinator,
-                           Coordinator::Open({store.get(), blobs.get(), &planner, &clock, LogRecord,
+                           Coordinator::Open({store.get(), blobs, &planner, &clock, LogRecord,
                                               LogRecordQuarantined, LogJournalStatus, LogWorkerSuspended},
                                              options));
 
   ServerEnvironment environment;
   environment.coordinator = coordinator.get();
-  environment.blobs = blobs.get();
+  environment.blobs = blobs;
+  environment.transfers = opened.transfers.get();
   environment.digests = store.get();
   environment.clock = &clock;
   environment.access = access.get();
@@ -137,9 +146,9 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   environment.scenes_over_network = !flags.scene_roots.empty();
   environment.limits = flags.limits;
   environment.limits.upload_bytes = static_cast<int64_t>(flags.upload_gib * (int64_t{1} << 30));
-  if (!flags.no_shared_storage) {
-    environment.shared_blob_dir = blobs->root();
-    environment.shared_probe_path = blobs->root() + "/probe";
+  if (!flags.no_shared_storage && !opened.folder.empty()) {
+    environment.shared_blob_dir = opened.folder;
+    environment.shared_probe_path = opened.folder + "/probe";
     environment.shared_probe_content = RandomSecret();  // identifies this folder
     TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
   }
@@ -149,7 +158,8 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     TESSERA_ASSIGN_OR_RETURN(
         metrics,
         MetricsServer::Start(flags.listen.metrics, {[&] { return SnapshotOf(coordinator->core()); },
-                                                    [&] { return blobs->FreeSpace(); }, &server->rpc_counts()}));
+                                                    [&] { return blobs->FreeSpace(); }, &server->rpc_counts(),
+                                                    opened.counts}));
     std::cout << "metrics: http://" << metrics->address() << "/metrics" << std::endl;
   }
   if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));
@@ -158,12 +168,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   LogEvent(LogLevel::kInfo, "coordinator started",
            {{"address", server->address()}, {"data", data}, {"start", std::to_string(store->StartCount())}});
 
-  RetentionOptions keeping;
-  keeping.keep_s = flags.keep_days * 86400;
-  keeping.collector.keep_quarantined_s = keeping.keep_s;
-  keeping.collector.limit_bytes = static_cast<int64_t>(flags.blob_gib * (int64_t{1} << 30));
-  keeping.collector.grace_s = std::max(keeping.collector.grace_s, 2 * flags.lease_s);
-  const RetentionLoop retention(coordinator->core(), blobs.get(), &clock, keeping);
+  const RetentionLoop retention(coordinator->core(), blobs, &clock, keeping);
 
   const double tick_s = std::clamp(flags.lease_s / 4, 0.05, 1.0);
   const timespec tick = {static_cast<time_t>(tick_s), static_cast<long>((tick_s - static_cast<time_t>(tick_s)) * 1e9)};
@@ -221,6 +226,20 @@ void AddLimits(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(1.0, 1e6))
       ->capture_default_str()
       ->group("Limits");
+}
+
+// Options of the store of results. The credentials are never options: other users see the command line.
+void AddBlobFlags(CLI::App& app, BlobFlags& blobs) {
+  app.add_option("--blobs", blobs.url,
+                 "Keep the results in this bucket of an S3 store in place of DATA/blobs; workers and clients get signed "
+                 "URLs. Credentials: AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, AWS's files with AWS_PROFILE, or its "
+                 "container endpoint")
+      ->type_name("s3://BUCKET/PREFIX");
+  app.add_option("--s3-endpoint", blobs.endpoint, "Address of the S3 store, which workers and clients must reach, too")
+      ->type_name("URL");
+  app.add_option("--s3-region", blobs.region, "Region that requests to the S3 store are signed for")
+      ->capture_default_str();
+  app.add_option("--s3-ca", blobs.ca_file, "Certificate authorities of the S3 store, PEM")->type_name("FILE");
 }
 
 int Main(int argc, char** argv) {
@@ -289,6 +308,7 @@ int Main(int argc, char** argv) {
       ->capture_default_str();
   app.add_flag("--reflection", flags.listen.reflection,
                "Serve gRPC reflection (for grpcurl) to callers that may read jobs");
+  AddBlobFlags(app, flags.blobs);
   AddLimits(app, flags);
   const auto instead = [&](CLI::Option* option) { return option->group("Maintenance (instead of serving)"); };
   instead(
@@ -319,7 +339,7 @@ int Main(int argc, char** argv) {
     const std::string data = AbsolutePath(flags.data);
     if (!flags.backup.empty()) status = BackUpData(data, flags.backup);
     if (status.ok() && flags.salvage) status = SalvageData(data);
-    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.deep);
+    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.blobs, flags.deep);
     return ReportExit(status);
   }
   // Block the signals in every thread; Serve waits for them.
