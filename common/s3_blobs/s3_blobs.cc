@@ -65,6 +65,18 @@ std::string Difference(const Digest& found, const Digest& expected) {
                       expected.size_bytes, " with its name as SHA-256");
 }
 
+// All objects whose keys begin with the prefix.
+StatusOr<std::vector<S3Object>> ListAll(S3Client& client, const std::string& key_prefix) {
+  std::vector<S3Object> objects;
+  std::string from;
+  do {
+    TESSERA_ASSIGN_OR_RETURN(S3Page page, client.List(key_prefix, from));
+    for (S3Object& object : page.objects) objects.push_back(std::move(object));
+    from = std::move(page.next);
+  } while (!from.empty());
+  return objects;
+}
+
 }  // namespace
 
 std::string S3Blobs::KeyOf(const Digest& digest) {
@@ -76,6 +88,13 @@ StatusOr<std::unique_ptr<S3Blobs>> S3Blobs::Open(S3Client* client, const Clock* 
   TESSERA_ASSIGN_OR_RETURN(auto folder, FolderBlobs::Open(staging));
   TESSERA_RETURN_IF_ERROR(client->List(kBlobs).status());  // tells now if the store cannot be used
   return std::unique_ptr<S3Blobs>(new S3Blobs(client, clock, std::move(folder), grace_s));
+}
+
+S3ClientOptions S3Blobs::RemovalOptions(S3ClientOptions options) {
+  options.connect_s = 1;
+  options.silence_s = 2;
+  options.retry.max_attempts = 1;
+  return options;
 }
 
 Status S3Blobs::Stat(const Digest& digest) const {
@@ -198,17 +217,6 @@ Status S3Blobs::Complete(const Digest& digest) {
   return absl::OkStatus();
 }
 
-StatusOr<std::vector<S3Object>> S3Blobs::ListAll(const std::string& key_prefix) const {
-  std::vector<S3Object> objects;
-  std::string from;
-  do {
-    TESSERA_ASSIGN_OR_RETURN(S3Page page, client_->List(key_prefix, from));
-    for (S3Object& object : page.objects) objects.push_back(std::move(object));
-    from = std::move(page.next);
-  } while (!from.empty());
-  return objects;
-}
-
 StatusOr<std::vector<BlobEntry>> S3Blobs::List(int part) const {
   std::vector<BlobEntry> entries;
   if (part == kLeftoverPart) {
@@ -226,7 +234,7 @@ StatusOr<std::vector<BlobEntry>> S3Blobs::List(int part) const {
     return entries;
   }
   const std::string prefix = PrefixOfPart(part);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<S3Object> objects, ListAll(prefix));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<S3Object> objects, ListAll(*client_, prefix));
   for (const S3Object& object : objects) {
     BlobEntry entry{Kind::kQuarantined, object.key, "", object.size_bytes, object.modified_us};
     if (part != kQuarantinedPart) {
@@ -246,7 +254,7 @@ StatusOr<std::vector<BlobEntry>> S3Blobs::Unchanged(const std::vector<BlobEntry>
     const std::string key = KeyOfEntry(entry);
     prefix.resize(std::mismatch(prefix.begin(), prefix.end(), key.begin(), key.end()).first - prefix.begin());
   }
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<S3Object> objects, ListAll(prefix));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<S3Object> objects, ListAll(*remover_, prefix));
   std::map<std::string, int64_t> times;
   for (const S3Object& object : objects) times[object.key] = object.modified_us;
   std::vector<BlobEntry> unchanged;
@@ -258,9 +266,13 @@ StatusOr<std::vector<BlobEntry>> S3Blobs::Unchanged(const std::vector<BlobEntry>
   return unchanged;
 }
 
-StatusOr<BlobStore::Removed> S3Blobs::RemoveAll(const std::vector<BlobEntry>& entries) {
+StatusOr<BlobStore::Removed> S3Blobs::RemoveAll(const std::vector<BlobEntry>& entries,
+                                                const std::function<bool()>& may_remove) {
   Removed removed;
   removed.free_bytes = [] {};
+  const auto check = [&]() -> Status {
+    return may_remove && !may_remove() ? absl::CancelledError("blobs may not be removed now") : absl::OkStatus();
+  };
   std::map<std::string, std::vector<BlobEntry>> objects;  // by the first characters of their keys: a part of List
   for (const BlobEntry& entry : entries) {
     if (entry.kind != Kind::kLeftover) {
@@ -268,7 +280,8 @@ StatusOr<BlobStore::Removed> S3Blobs::RemoveAll(const std::vector<BlobEntry>& en
       objects[KeyOfEntry(entry).substr(0, sizeof(kBlobs) + 1)].push_back(entry);
       continue;
     }
-    Status status = absl::OkStatus();
+    Status status = check();
+    TESSERA_RETURN_IF_ERROR(status);
     if (entry.name.starts_with(kStagedName)) {
       const auto free_bytes =
           staging_->Remove({Kind::kLeftover, entry.name.substr(kStagedName.size()), "", 0, entry.since_us});
@@ -276,7 +289,7 @@ StatusOr<BlobStore::Removed> S3Blobs::RemoveAll(const std::vector<BlobEntry>& en
       status = free_bytes.status();
     } else {
       const S3Upload upload = UploadOfName(entry.name);
-      status = client_->AbortUpload(upload.key, upload.id);
+      status = remover_->AbortUpload(upload.key, upload.id);
     }
     if (absl::IsNotFound(status)) continue;
     TESSERA_RETURN_IF_ERROR(status);
@@ -287,14 +300,15 @@ StatusOr<BlobStore::Removed> S3Blobs::RemoveAll(const std::vector<BlobEntry>& en
     TESSERA_ASSIGN_OR_RETURN(const std::vector<BlobEntry> unchanged, Unchanged(listed));
     std::vector<std::string> keys;
     for (const BlobEntry& entry : unchanged) keys.push_back(KeyOfEntry(entry));
-    if (!keys.empty()) TESSERA_RETURN_IF_ERROR(client_->Delete(keys));
+    TESSERA_RETURN_IF_ERROR(check());  // the listing may have taken long
+    if (!keys.empty()) TESSERA_RETURN_IF_ERROR(remover_->Delete(keys));
     removed.entries.insert(removed.entries.end(), unchanged.begin(), unchanged.end());
   }
   return removed;
 }
 
 StatusOr<BlobStore::FreeBytes> S3Blobs::Remove(const BlobEntry& entry) {
-  TESSERA_ASSIGN_OR_RETURN(Removed removed, RemoveAll({entry}));
+  TESSERA_ASSIGN_OR_RETURN(Removed removed, RemoveAll({entry}, {}));
   if (removed.entries.empty()) {
     return absl::NotFoundError(absl::StrCat("cannot remove ", KeyOfEntry(entry), ": missing, or stored again"));
   }

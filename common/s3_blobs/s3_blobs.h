@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -31,6 +32,10 @@ class S3Blobs final : public BlobStore {
   // `client` and `clock` must outlive the store.
   static StatusOr<std::unique_ptr<S3Blobs>> Open(S3Client* client, const Clock* clock, const std::string& staging,
                                                  double grace_s);
+  // Blobs are removed by this client, of the same location: its requests should not be repeated. Default: `client`.
+  void RemoveBy(S3Client* client) { remover_ = client; }
+  // Options of such a client: one attempt of at most about 3 s.
+  static S3ClientOptions RemovalOptions(S3ClientOptions options);
 
   Status Stat(const Digest& digest) const override;
   StatusOr<std::string> ReadRange(const Digest& digest, int64_t offset_bytes, int64_t size_bytes) const override;
@@ -46,23 +51,22 @@ class S3Blobs final : public BlobStore {
   Status Complete(const Digest& digest) override;
   StatusOr<std::vector<BlobEntry>> List(int part) const override;
   StatusOr<FreeBytes> Remove(const BlobEntry& entry) override;
-  StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries) override;
+  StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries, const std::function<bool()>& may_remove) override;
   std::optional<int64_t> FreeSpace() const override { return std::nullopt; }
   std::string Location() const override { return ToText(client_->location()); }
   std::optional<std::string> LocalPath(const Digest&) const override { return std::nullopt; }
 
  private:
   S3Blobs(S3Client* client, const Clock* clock, std::unique_ptr<FolderBlobs> staging, double grace_s)
-      : client_(client), clock_(clock), staging_(std::move(staging)), grace_s_(grace_s) {}
+      : client_(client), remover_(client), clock_(clock), staging_(std::move(staging)), grace_s_(grace_s) {}
   // Renews the blob if it is old. NOT_FOUND if it does not exist with the digest's size.
   Status Renew(const Digest& digest) const;
-  // All objects whose keys begin with the prefix.
-  StatusOr<std::vector<S3Object>> ListAll(const std::string& key_prefix) const;
   // The listed objects of `entries` (all of one kind) that still exist with their listed time.
   StatusOr<std::vector<BlobEntry>> Unchanged(const std::vector<BlobEntry>& entries) const;
   std::mutex& UploadMutex(const Digest& digest) const { return upload_mutexes_[digest.sha256[0] & 15]; }
 
   S3Client* const client_;
+  S3Client* remover_;
   const Clock* const clock_;
   const std::unique_ptr<FolderBlobs> staging_;
   const double grace_s_;

@@ -15,10 +15,12 @@ StatusOr<std::string> BlobStore::Read(const Digest& digest, int64_t max_bytes) c
   return content;
 }
 
-StatusOr<BlobStore::Removed> BlobStore::RemoveAll(const std::vector<BlobEntry>& entries) {
+StatusOr<BlobStore::Removed> BlobStore::RemoveAll(const std::vector<BlobEntry>& entries,
+                                                  const std::function<bool()>& may_remove) {
   Removed removed;
   std::vector<FreeBytes> each;
   for (const BlobEntry& entry : entries) {
+    if (may_remove && !may_remove()) return absl::CancelledError("blobs may not be removed now");
     StatusOr<FreeBytes> free_bytes = Remove(entry);
     if (absl::IsNotFound(free_bytes.status())) continue;
     TESSERA_RETURN_IF_ERROR(free_bytes.status());

@@ -86,8 +86,8 @@ class BlobStore {
   // All objects of a part. Some may have been removed since. Unknown files are not listed. Errors of a remote store.
   virtual StatusOr<std::vector<BlobEntry>> List(int part) const = 0;
   // Removes a listed object. Returns a function that frees its bytes, which may take long; until then, List may return
-  // a kLeftover. NOT_FOUND if the object does not exist, or if it is a blob whose time has changed from `entry.since_us`
-  // (kAnyTime: not compared).
+  // a kLeftover. NOT_FOUND if the object does not exist, or if it is a blob whose time has changed from
+  // `entry.since_us` (kAnyTime: not compared).
   using FreeBytes = std::function<void()>;
   virtual StatusOr<FreeBytes> Remove(const BlobEntry& entry) = 0;
 
@@ -107,9 +107,10 @@ class BlobStore {
     std::vector<BlobEntry> entries;
     FreeBytes free_bytes;  // of all of them
   };
-  // Removes several listed objects at once, which takes less time in a remote store. Skips objects for which Remove would
-  // return NOT_FOUND.
-  virtual StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries);
+  // Removes several listed objects at once, which takes less time in a remote store. Skips objects for which Remove
+  // would return NOT_FOUND. `may_remove` (may be empty) is asked right before each removal; CANCELLED if it returns
+  // false. A remote store that does not remove within about 3 s returns an error, and removes nothing later.
+  virtual StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries, const std::function<bool()>& may_remove);
 };
 
 }  // namespace tessera

@@ -1,7 +1,9 @@
 // Deletes old jobs, and removes memory, records and blobs that no job needs.
 #pragma once
 
+#include <functional>
 #include <mutex>
+#include <utility>
 #include <vector>
 
 #include "common/base/status.h"
@@ -14,8 +16,9 @@ namespace tessera {
 // Holds the core's mutex only briefly. Thread-safe, except for one collection of blobs at a time. Errors of the stores.
 class Reclaimer {
  public:
-  // `core` must outlive this.
-  explicit Reclaimer(DispatchCore& core) : core_(core) {}
+  // `core` must outlive this. `held_for_s`: see RetentionOptions.
+  explicit Reclaimer(DispatchCore& core, std::function<double()> held_for_s = {})
+      : core_(core), held_for_s_(std::move(held_for_s)) {}
 
   // Deletes expired jobs that are not the base of another job. Returns their number.
   StatusOr<int> DeleteExpired(Retention& retention);
@@ -23,11 +26,13 @@ class Reclaimer {
   StatusOr<bool> FreeDeleted();
   // All blobs that jobs refer to. Later references are noted until the next call.
   BlobReferences CollectReferences();
-  // Removes the files without a new reference since CollectReferences. Returns the removed ones.
+  // Removes the files without a new reference since CollectReferences. Returns the removed ones. CANCELLED, with
+  // nothing removed from then on, if the right to write the state could end during a removal.
   StatusOr<std::vector<BlobEntry>> RemoveBlobs(const std::vector<BlobEntry>& files);
 
  private:
   DispatchCore& core_;
+  const std::function<double()> held_for_s_;
   const DispatchEnvironment& environment_ = core_.environment();
   std::mutex& mutex_ = core_.mutex();
   Ledger& ledger_ = core_.ledger();

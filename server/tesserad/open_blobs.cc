@@ -24,8 +24,24 @@ StatusOr<OpenedBlobs> OpenBlobs(const BlobFlags& flags, const std::string& data,
   S3ClientOptions options;
   options.ca_file = flags.ca_file;
   TESSERA_ASSIGN_OR_RETURN(opened.client, S3Client::Create(location, opened.credentials.get(), clock, options));
-  TESSERA_ASSIGN_OR_RETURN(opened.store, S3Blobs::Open(opened.client.get(), clock, data + "/staging", grace_s));
-  opened.counts = [client = opened.client.get()] { return client->counts(); };
+  TESSERA_ASSIGN_OR_RETURN(
+      opened.remover, S3Client::Create(location, opened.credentials.get(), clock, S3Blobs::RemovalOptions(options)));
+  TESSERA_ASSIGN_OR_RETURN(auto store, S3Blobs::Open(opened.client.get(), clock, data + "/staging", grace_s));
+  store->RemoveBy(opened.remover.get());
+  opened.store = std::move(store);
+  opened.counts = [client = opened.client.get(), remover = opened.remover.get()] {
+    std::map<std::string, S3Counts> counts = client->counts();
+    for (const auto& [method, more] : remover->counts()) {
+      S3Counts& sum = counts[method];
+      sum.calls += more.calls;
+      sum.retries += more.retries;
+      sum.errors += more.errors;
+      sum.sent_bytes += more.sent_bytes;
+      sum.received_bytes += more.received_bytes;
+      sum.seconds += more.seconds;
+    }
+    return counts;
+  };
   return opened;
 }
 

@@ -27,7 +27,7 @@ struct BlobFlags {
 struct OpenedBlobs {
   // Null unless the store is in S3.
   std::unique_ptr<S3CredentialsSource> credentials;
-  std::unique_ptr<S3Client> client;
+  std::unique_ptr<S3Client> client, remover;
   std::unique_ptr<BlobTransfers> transfers;
 
   std::unique_ptr<BlobStore> store;

@@ -273,7 +273,11 @@ TEST_P(BlobStoreTest, SeveralAreRemovedAtOnce) {
     if (entry.kind == BlobEntry::Kind::kLeftover) to_remove.push_back(entry);
   }
   ASSERT_EQ(to_remove.size(), 4u);
-  const auto removed = store().RemoveAll(to_remove);
+  int asked = 0;
+  EXPECT_EQ(store().RemoveAll(to_remove, [] { return false; }).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(List().size(), 4u);
+  const auto removed = store().RemoveAll(to_remove, [&] { return ++asked > 0; });
+  EXPECT_GT(asked, 0);
   ASSERT_TRUE(removed.ok()) << removed.status();
   EXPECT_EQ(removed->entries.size(), 3u);
   removed->free_bytes();
