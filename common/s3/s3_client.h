@@ -45,6 +45,12 @@ struct S3Counts {
   double seconds = 0;
 };
 
+struct S3PutCondition {
+  // If-None-Match: *; FAILED_PRECONDITION if the key exists. A request that is repeated because its answer was lost may
+  // find its own object.
+  bool only_if_absent = false;
+};
+
 // A request that the holder of the URL may make without credentials.
 struct SignedRequest {
   std::string method;  // GET or PUT
@@ -52,12 +58,22 @@ struct SignedRequest {
   std::map<std::string, std::string> headers;  // must be sent as they are: they are signed
 };
 
+// How the URL of an upload names the hash of its content. Stores differ in what they enforce.
+enum class SignedHash {
+  kNone,      // not at all
+  kContent,   // header x-amz-content-sha256 (AWS, radosgw)
+  kChecksum,  // header x-amz-checksum-sha256 (AWS); radosgw and Swift ignore it
+};
+
 struct S3ClientOptions {
-  std::string ca_file;         // PEM; empty: the system's authorities
-  double connect_s = 10;       // limit of a connection's setup
-  double silence_s = 30;       // a request that moves no byte for this time is ended and retried
+  std::string ca_file;    // PEM; empty: the system's authorities
+  double connect_s = 10;  // limit of a connection's setup
+  double silence_s = 30;  // a request that moves less than 100 bytes a second for this time is ended and retried
   RetryPolicy retry = {.max_attempts = 8, .first_delay_s = 0.2, .max_delay_s = 10};
-  Sleeper sleeper = RealSleeper();  // returns false to cancel
+  Sleeper sleeper = RealSleeper();    // returns false to cancel
+  int64_t max_put_bytes = 64 << 20;   // larger files are sent in parts
+  int64_t min_part_bytes = 16 << 20;  // of a file; larger if 10,000 parts would not suffice
+  int parts_at_once = 4;
 };
 
 // Every request is signed with the hash of its content (x-amz-content-sha256). Repeats a request after 5xx, 429, a lost
@@ -66,8 +82,9 @@ struct S3ClientOptions {
 //
 // Errors, in words, with the store's own code and message: NOT_FOUND (no such key), FAILED_PRECONDITION (a condition
 // was not met; no such bucket; credentials refused; the clocks differ, with both times), PERMISSION_DENIED,
-// RESOURCE_EXHAUSTED (a quota is full: IsStoreFull), DATA_LOSS (content and hash differ), UNAVAILABLE (after the last
-// attempt), INVALID_ARGUMENT (any other 4xx). CANCELLED by the sleeper. No secret or signature is in any message.
+// RESOURCE_EXHAUSTED (a quota or the store is full), DATA_LOSS (content and hash differ), UNAVAILABLE (after the last
+// attempt), INTERNAL (an answer that is not S3's), INVALID_ARGUMENT (any other 4xx, a wrong key). CANCELLED by the
+// sleeper. Errors of local files as of files.h. No secret or signature is in any message.
 class S3Client {
  public:
   // `credentials` and `clock` must outlive the client. INVALID_ARGUMENT for files that cannot be read.
@@ -80,24 +97,25 @@ class S3Client {
   StatusOr<S3Object> Head(const std::string& key);
   // Up to `size_bytes` bytes from `offset_bytes`; fewer only at the end of the object.
   StatusOr<std::string> Get(const std::string& key, int64_t offset_bytes, int64_t size_bytes);
-  // Passes the bytes from `offset_bytes` to the object's end to `take`, in order, each once: an interrupted transfer goes
-  // on where it stopped, if the object's ETag is still the same (else ABORTED). Errors of `take` end the transfer.
-  Status Stream(const std::string& key, int64_t offset_bytes, const std::function<Status(std::string_view bytes)>& take);
+  // Passes the bytes from `offset_bytes` to the object's end to `take`, in order, each once: an interrupted transfer
+  // goes on where it stopped, if the object's ETag is still the same (else ABORTED). Errors of `take` end the transfer.
+  Status Stream(const std::string& key, int64_t offset_bytes,
+                const std::function<Status(std::string_view bytes)>& take);
 
-  struct PutCondition {
-    bool only_if_absent = false;  // If-None-Match: *; FAILED_PRECONDITION if the key exists
-  };
   // `sha256`: of the bytes, lower-case hex.
-  Status Put(const std::string& key, std::string_view bytes, const std::string& sha256, PutCondition condition = {});
-  // A local file, in parts of some MiB, several at once, if it is larger than 64 MiB.
+  Status Put(const std::string& key, std::string_view bytes, const std::string& sha256, S3PutCondition condition = {});
+  // A local file; in parts, several at once, if it is larger than S3ClientOptions::max_put_bytes. DATA_LOSS if its
+  // content does not hash to `sha256` or has another size; nothing is stored then.
   Status PutFile(const std::string& key, const std::string& path, int64_t size_bytes, const std::string& sha256);
-  // Sets the object's time to now by copying it onto itself. NOT_FOUND if it does not exist.
+  // Sets the object's time to now by copying it onto itself, in parts if it has more than 5 GiB. NOT_FOUND if it does
+  // not exist.
   Status Renew(const std::string& key);
   Status Copy(const std::string& from, const std::string& to);
 
-  // Objects whose keys begin with `key_prefix`, at most 1,000. `from`: S3Page::next of the page before.
+  // Objects whose keys begin with `key_prefix`, in ascending order of the keys' bytes, at most 1,000. `from`:
+  // S3Page::next of the page before.
   StatusOr<S3Page> List(const std::string& key_prefix, const std::string& from = "");
-  // Deletes the keys, in batches. Missing ones are no error.
+  // Deletes the keys, in batches of 1,000. Missing ones are no error.
   Status Delete(const std::vector<std::string>& keys);
 
   // --- Multipart uploads of others: the coordinator opens and closes what a worker sends by signed URLs. ---
@@ -105,14 +123,17 @@ class S3Client {
   // `etags` of the parts, from part 1 on.
   Status CompleteUpload(const std::string& key, const std::string& id, const std::vector<std::string>& etags);
   Status AbortUpload(const std::string& key, const std::string& id);
+  // At most 10,000.
   StatusOr<std::vector<S3Upload>> ListUploads(const std::string& key_prefix);
 
-  // --- Signed URLs (AWS Signature Version 4, query form), valid for `seconds`. ---
+  // --- Signed URLs (AWS Signature Version 4, query form), valid for `seconds` (up to a week), but not longer than the
+  // credentials. ---
   StatusOr<SignedRequest> SignGet(const std::string& key, double seconds);
-  // The URL of an upload of exactly this content: `sha256` is a signed header.
-  StatusOr<SignedRequest> SignPut(const std::string& key, const std::string& sha256, double seconds);
+  // The URL of an upload of the content with this SHA-256, as far as the store enforces `hash`.
+  StatusOr<SignedRequest> SignPut(const std::string& key, const std::string& sha256, double seconds,
+                                  SignedHash hash = SignedHash::kContent);
   StatusOr<SignedRequest> SignPart(const std::string& key, const std::string& upload, int part,
-                                   const std::string& sha256, double seconds);
+                                   const std::string& sha256, double seconds, SignedHash hash = SignedHash::kContent);
 
   // By method ("get", "put", "head", "list", "delete", "copy", "upload").
   std::map<std::string, S3Counts> counts() const;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <string>
 
@@ -28,12 +29,20 @@ class S3CredentialsSource {
 };
 
 // The first of: the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN), the shared files
-// (AWS_SHARED_CREDENTIALS_FILE, AWS_CONFIG_FILE) with the profile AWS_PROFILE, whose `credential_process` is run, and the
-// container endpoint (AWS_CONTAINER_CREDENTIALS_FULL_URI or _RELATIVE_URI). Reads the environment now, and removes the
-// secrets from it, so that child processes do not inherit them. `clock` must outlive the source.
+// (AWS_SHARED_CREDENTIALS_FILE, AWS_CONFIG_FILE) with the profile AWS_PROFILE, whose `credential_process` is run, and
+// the container endpoint (AWS_CONTAINER_CREDENTIALS_FULL_URI or _RELATIVE_URI). Changed files are read again. Reads the
+// environment now, and erases the secrets from it, so that child processes do not inherit them; a later call of the
+// process gets what an earlier one erased. `clock` must outlive the source.
 std::unique_ptr<S3CredentialsSource> DefaultS3Credentials(const Clock* clock);
+
+// The same with these variables in place of the environment.
+std::unique_ptr<S3CredentialsSource> S3CredentialsFrom(const std::map<std::string, std::string>& environment,
+                                                       const Clock* clock);
 
 // Always the same ones.
 std::unique_ptr<S3CredentialsSource> FixedS3Credentials(const S3Credentials& credentials);
+
+// Reads what a credential_process or a container endpoint answers. INVALID_ARGUMENT names `what`, and no value.
+StatusOr<S3Credentials> ParseS3Credentials(const std::string& what, const std::string& json);
 
 }  // namespace tessera
