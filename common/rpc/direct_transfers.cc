@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdlib>
+#include <functional>
 #include <string_view>
 #include <utility>
 
@@ -20,6 +22,7 @@ constexpr int kMaxDigests = 1000;   // of a call
 constexpr double kAskSeconds = 60;  // the coordinator may wait 20 s for a blob that is recomputed
 constexpr std::chrono::seconds kNoStoreAgain{60};
 constexpr size_t kAppendBytes = 1 << 20;
+constexpr int64_t kReportBytes = 1 << 20;
 
 void SetDigestOf(v1::Digest* message, const Digest& digest) {
   message->set_sha256(digest.sha256);
@@ -32,6 +35,16 @@ SignedRequest FromMessage(const v1::SignedRequest& message) {
 
 double ShareOf(int64_t offset, const Digest& digest) {
   return digest.size_bytes > 0 ? static_cast<double>(offset) / static_cast<double>(digest.size_bytes) : 1;
+}
+
+// Reports an upload, and ends it if it is cancelled. `control` must outlive the result.
+std::function<Status(int64_t)> ProgressOf(const Digest& digest, const TaskControl& control, int64_t offset) {
+  return [&control, digest, offset, reported = int64_t{-kReportBytes}](int64_t sent_bytes) mutable -> Status {
+    if (std::abs(sent_bytes - reported) < kReportBytes) return absl::OkStatus();
+    reported = sent_bytes;
+    control.Report(ShareOf(offset + sent_bytes, digest), "");
+    return control.Check();
+  };
 }
 
 // What a retry of the same request cannot change, but time or a person can.
@@ -192,7 +205,8 @@ Status DirectTransfers::SendParts(const std::string& path, const Digest& digest,
       request.set_upload(transfer.upload());
     }
     const int64_t size = std::min(part_bytes, digest.size_bytes - offset);
-    const auto etag = transfers_.Put(FromMessage(transfer.requests(static_cast<int>(part))), path, offset, size);
+    const auto etag = transfers_.Put(FromMessage(transfer.requests(static_cast<int>(part))), path, offset, size,
+                                     ProgressOf(digest, control, offset));
     if (absl::IsPermissionDenied(etag.status()) && ++denied < 2) {  // expired
       transfer.clear_requests();
       continue;
@@ -202,7 +216,6 @@ Status DirectTransfers::SendParts(const std::string& path, const Digest& digest,
     denied = 0;
     ++part;
     offset += size;
-    control.Report(ShareOf(offset, digest), "");
   }
   complete.set_upload(request.upload());
   grpc::ClientContext context;
@@ -222,9 +235,11 @@ std::optional<Status> DirectTransfers::Send(const std::string& path, const Diges
     const v1::Transfer& transfer = response->transfers(0);
     if (transfer.stored()) return absl::OkStatus();
     if (transfer.requests().empty() && transfer.part_bytes() <= 0) return std::nullopt;
-    const Status status = transfer.part_bytes() > 0
-                              ? SendParts(path, digest, control, transfer.part_bytes())
-                              : transfers_.Put(FromMessage(transfer.requests(0)), path, 0, digest.size_bytes).status();
+    const Status status = transfer.part_bytes() > 0 ? SendParts(path, digest, control, transfer.part_bytes())
+                                                    : transfers_
+                                                          .Put(FromMessage(transfer.requests(0)), path, 0,
+                                                               digest.size_bytes, ProgressOf(digest, control, 0))
+                                                          .status();
     if (absl::IsPermissionDenied(status) && !denied) continue;  // probably expired
     if (status.code() == absl::StatusCode::kPermissionDenied || absl::IsNotFound(status)) return AsOutage(status);
     return status;
