@@ -10,7 +10,6 @@
 namespace tessera {
 namespace {
 
-constexpr double kRemoval_s = 4;                           // a removal ends within this time, or fails
 constexpr int kTasksAtOnce = 256;                          // per hold of the mutex
 constexpr size_t kRemovedAtOnce = 64;                      // files per hold of BlobUse::mutex
 constexpr int kFreedTasks = 1000, kRemovedRecords = 1000;  // per step
@@ -42,7 +41,6 @@ BlobReferences Reclaimer::CollectReferences() {
 
 StatusOr<std::vector<BlobEntry>> Reclaimer::RemoveBlobs(const std::vector<BlobEntry>& files) {
   std::vector<BlobEntry> gone;
-  const auto may_remove = [this] { return !held_for_s_ || held_for_s_() > kRemoval_s; };
   for (size_t next = 0; next < files.size();) {
     BlobStore::Removed removed;
     {
@@ -58,7 +56,10 @@ StatusOr<std::vector<BlobEntry>> Reclaimer::RemoveBlobs(const std::vector<BlobEn
           unused.push_back(file);
         }
       }
-      TESSERA_ASSIGN_OR_RETURN(removed, environment_.blobs->RemoveAll(unused, may_remove));
+      auto result = environment_.blobs->RemoveAll(unused, may_remove_);
+      if (absl::IsCancelled(result.status())) return gone;
+      TESSERA_RETURN_IF_ERROR(result.status());
+      removed = *std::move(result);
     }
     removed.free_bytes();
     gone.insert(gone.end(), removed.entries.begin(), removed.entries.end());

@@ -16,9 +16,10 @@ namespace tessera {
 // Holds the core's mutex only briefly. Thread-safe, except for one collection of blobs at a time. Errors of the stores.
 class Reclaimer {
  public:
-  // `core` must outlive this. `held_for_s`: see RetentionOptions.
-  explicit Reclaimer(DispatchCore& core, std::function<double()> held_for_s = {})
-      : core_(core), held_for_s_(std::move(held_for_s)) {}
+  // `core` must outlive this. `may_remove`: asked right before blobs are removed; false while another coordinator may
+  // have taken over, whose references this one does not know. May be empty.
+  explicit Reclaimer(DispatchCore& core, std::function<bool()> may_remove = {})
+      : core_(core), may_remove_(std::move(may_remove)) {}
 
   // Deletes expired jobs that are not the base of another job. Returns their number.
   StatusOr<int> DeleteExpired(Retention& retention);
@@ -26,13 +27,13 @@ class Reclaimer {
   StatusOr<bool> FreeDeleted();
   // All blobs that jobs refer to. Later references are noted until the next call.
   BlobReferences CollectReferences();
-  // Removes the files without a new reference since CollectReferences. Returns the removed ones. CANCELLED, with
-  // nothing removed from then on, if the right to write the state could end during a removal.
+  // Removes the files without a new reference since CollectReferences, as long as `may_remove` allows it. Returns the
+  // removed ones.
   StatusOr<std::vector<BlobEntry>> RemoveBlobs(const std::vector<BlobEntry>& files);
 
  private:
   DispatchCore& core_;
-  const std::function<double()> held_for_s_;
+  const std::function<bool()> may_remove_;
   const DispatchEnvironment& environment_ = core_.environment();
   std::mutex& mutex_ = core_.mutex();
   Ledger& ledger_ = core_.ledger();

@@ -17,7 +17,7 @@ constexpr std::chrono::milliseconds kFreePause{5};  // pause between steps, for 
 
 RetentionLoop::RetentionLoop(DispatchCore& core, const BlobStore* blobs, const Clock* clock,
                              const RetentionOptions& options)
-    : reclaimer_(core, options.held_for_s),
+    : reclaimer_(core, options.may_remove_blobs),
       retention_(options.keep_s),
       collector_(&reclaimer_, blobs, clock, options.collector),
       thread_([this] { Run(); }) {}

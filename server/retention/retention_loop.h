@@ -15,9 +15,7 @@ namespace tessera {
 struct RetentionOptions {
   double keep_s = 0;  // how long ended jobs are kept; 0: for ever
   CollectorOptions collector;
-  // Seconds for which no other coordinator can take over (StateStore::HeldFor_s). Blobs are removed only while there
-  // are more than 4: a coordinator that takes over may refer to them. Empty: for ever.
-  std::function<double()> held_for_s = {};
+  std::function<bool()> may_remove_blobs = {};  // of Reclaimer
 };
 
 // Runs from construction to destruction. Logs errors and retries.

@@ -114,23 +114,6 @@ TEST_F(BlobCollectorTest, RemovesBlobsOfADeletedJobButNotSharedOnes) {
   EXPECT_THAT(Stored(), IsEmpty());
 }
 
-// Another coordinator may take over when the right to write has ended, and refer to any stored blob.
-TEST_F(BlobCollectorTest, RemovesNothingWhileTheRightToWriteCouldEnd) {
-  double held_for_s = 3.9;
-  reclaimer_ = std::make_unique<Reclaimer>(coordinator_->core(), [&] { return held_for_s; });
-  collector_ = std::make_unique<BlobCollector>(reclaimer_.get(), blobs_.get(), &clock_, CollectorOptions());
-  const Digest digest = *blobs_->PutBytes("unused");
-  for (int pass = 0; pass < 4; ++pass) {
-    clock_.Advance(kLook_s);
-    const auto collected = collector_->Pass();
-    EXPECT_TRUE(collected.ok() || absl::IsCancelled(collected.status())) << collected.status();
-    EXPECT_TRUE(blobs_->Has(digest));
-  }
-  held_for_s = 4.1;
-  LookLong();
-  EXPECT_FALSE(blobs_->Has(digest));
-}
-
 TEST_F(BlobCollectorTest, ClassifierStaysAsLongAsItsJob) {
   NewJob job = AJob(2);
   job.classifier = "what was learnt";
