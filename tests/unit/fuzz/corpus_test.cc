@@ -28,6 +28,7 @@
 #include "tests/fuzz/blocks/realityscan_target.h"
 #include "tests/fuzz/records_target.h"
 #include "tests/fuzz/rpc_target.h"
+#include "tests/fuzz/s3_answers_target.h"
 #include "tests/fuzz/scene_json_target.h"
 #include "tests/fuzz/settings_target.h"
 #include "tests/fuzz/survey_target.h"
@@ -63,6 +64,7 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"realityscan", RunRealityscanTarget},
     {"records", RunRecordsTarget},
     {"rpc", RunRpcTarget},
+    {"s3_answers", RunS3AnswersTarget},
     {"scene_json", RunSceneJsonTarget},
     {"settings", RunSettingsTarget},
     {"survey", RunSurveyTarget},
