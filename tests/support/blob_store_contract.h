@@ -235,7 +235,10 @@ TEST_P(BlobStoreTest, RemovedBlobIsALeftoverUntilItsBytesAreFreed) {
   const auto free_bytes = store().Remove(Old(digest));
   ASSERT_TRUE(free_bytes.ok()) << free_bytes.status();
   EXPECT_FALSE(store().Has(digest));
-  if (case_->frees_at_once()) return EXPECT_TRUE(List().empty()), void();
+  if (case_->frees_at_once()) {
+    EXPECT_TRUE(List().empty());
+    return;
+  }
   const BlobEntry left = Only();
   EXPECT_EQ(left.kind, BlobEntry::Kind::kLeftover);
   EXPECT_EQ(left.size_bytes, digest.size_bytes);

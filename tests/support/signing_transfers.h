@@ -13,7 +13,7 @@ namespace tessera {
 
 struct SigningTransfers {
   SystemClock clock;
-  std::unique_ptr<S3CredentialsSource> credentials = FixedS3Credentials({.access_key = "key", .secret_key = "secret"});
+  std::unique_ptr<S3CredentialsSource> credentials = FixedS3Credentials({"key", "secret", "", 0});
   std::unique_ptr<S3Client> client = *S3Client::Create(
       {.endpoint = "http://127.0.0.1:1", .bucket = "bucket", .prefix = "city/"}, credentials.get(), &clock);
   BlobTransfers transfers{client.get(), nullptr, SignedHash::kContent};

@@ -21,7 +21,10 @@ inline S3Location NewTestLocation() {
 }
 
 inline S3Credentials TestCredentials() {
-  return {.access_key = ServerFile("radosgw", "access-key"), .secret_key = ServerFile("radosgw", "secret-key")};
+  S3Credentials credentials;
+  credentials.access_key = ServerFile("radosgw", "access-key");
+  credentials.secret_key = ServerFile("radosgw", "secret-key");
+  return credentials;
 }
 
 // A client with all that it needs.

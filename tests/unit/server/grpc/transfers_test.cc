@@ -158,7 +158,7 @@ TEST_F(TransfersTest, OutageOfTheStoreIsToldWithItsReason) {
   const Digest input = LeasedInput();
   S3Location nowhere = s3_->location;
   nowhere.endpoint = "http://127.0.0.1:1";
-  const TestS3 other({.retry = {.max_attempts = 1}}, nowhere);
+  const TestS3 other({}, nowhere);
   server_->Shutdown(1);
   const BlobTransfers broken(other.client.get(), remote_.get(), SignedHash::kContent);
   environment_.transfers = &broken;
