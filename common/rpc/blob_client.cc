@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "common/rpc/channel.h"
+#include "common/rpc/direct_transfers.h"
 #include "common/rpc/status_conversion.h"
 #include "common/storage/files.h"
 #include "tessera/v1/blobs.grpc.pb.h"
@@ -32,16 +33,36 @@ double Share(int64_t offset, const Digest& digest) {
 // Transfers damaged in transit are retried this often; more failures mean that the network or a disk is faulty.
 constexpr int kMaxDamaged = 3;
 
+// The store's requests are repeated a few times with the same URL; then the coordinator is asked again.
+constexpr int kAttemptsOfUrl = 3;
+
+S3ClientOptions StoreOptions(const RetryPolicy& retry, const Sleeper& sleeper, const std::string& ca_file) {
+  S3ClientOptions options;
+  options.retry = retry;
+  options.retry.max_attempts = kAttemptsOfUrl;
+  options.sleeper = sleeper;
+  options.ca_file = ca_file;
+  return options;
+}
+
 }  // namespace
 
 struct BlobClient::Impl {
   std::unique_ptr<v1::Blobs::Stub> stub;
   RetryPolicy retry;
   Sleeper sleeper;
+  DirectTransfers direct;
+
+  Impl(std::unique_ptr<v1::Blobs::Stub> of, const RetryPolicy& policy, Sleeper waits, const std::string& ca_file)
+      : stub(std::move(of)),
+        retry(policy),
+        sleeper(std::move(waits)),
+        direct(stub.get(), StoreOptions(retry, sleeper, ca_file)) {}
 
   // Calls `attempt` until it succeeds, fails permanently, or fails retry.max_attempts times without progress.
-  // `committed` returns the bytes transferred so far.
-  Status RetryWithProgress(const std::function<Status()>& attempt, const std::function<int64_t()>& committed) const {
+  // `committed` returns the bytes transferred so far. Reports why it waits.
+  Status RetryWithProgress(const Digest& digest, const TaskControl& control, const std::function<Status()>& attempt,
+                           const std::function<int64_t()>& committed) const {
     Backoff backoff(retry);
     int failures = 0;
     int damaged = 0;
@@ -61,15 +82,20 @@ struct BlobClient::Impl {
       }
       before = now;
       if (retry.max_attempts > 0 && ++failures >= retry.max_attempts) return status;
+      control.Report(Share(now, digest), std::string(status.message()));
       if (!sleeper(backoff.NextDelay(status))) return absl::CancelledError("transfer cancelled");
     }
   }
 };
 
-BlobClient::BlobClient(std::shared_ptr<grpc::Channel> channel, const RetryPolicy& retry, Sleeper sleeper)
-    : impl_(std::make_shared<Impl>(Impl{v1::Blobs::NewStub(std::move(channel)), retry, std::move(sleeper)})) {}
+BlobClient::BlobClient(std::shared_ptr<grpc::Channel> channel, const RetryPolicy& retry, Sleeper sleeper,
+                       const std::string& ca_file)
+    : impl_(std::make_shared<Impl>(v1::Blobs::NewStub(std::move(channel)), retry, std::move(sleeper), ca_file)) {}
+
+void BlobClient::Prepare(const std::vector<Digest>& digests) { impl_->direct.Prepare(digests); }
 
 Status BlobClient::FetchOnce(const Digest& digest, BlobStore& store, const TaskControl& control) {
+  if (const auto fetched = impl_->direct.Fetch(digest, store, control)) return *fetched;
   TESSERA_ASSIGN_OR_RETURN(int64_t offset, store.CommittedBytes(digest));
   if (offset < digest.size_bytes) {
     grpc::ClientContext context;
@@ -115,11 +141,12 @@ Status BlobClient::Fetch(const Digest& digest, BlobStore& store, const TaskContr
     TESSERA_RETURN_IF_ERROR(control.Check());
     return FetchOnce(digest, store, control);
   };
-  return impl_->RetryWithProgress(fetch, [&] { return store.CommittedBytes(digest).value_or(0); });
+  return impl_->RetryWithProgress(digest, control, fetch, [&] { return store.CommittedBytes(digest).value_or(0); });
 }
 
 Status BlobClient::SendOnce(const std::string& path, const Digest& digest, const TaskControl& control,
                             int64_t* committed) {
+  if (const auto sent = impl_->direct.Send(path, digest, control)) return *sent;
   v1::QueryWriteResponse state;
   {
     grpc::ClientContext context;
@@ -176,8 +203,8 @@ Status BlobClient::SendOnce(const std::string& path, const Digest& digest, const
 Status BlobClient::Send(const std::string& path, const Digest& digest, const TaskControl& control) {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   int64_t committed = 0;  // as last reported by the coordinator
-  return impl_->RetryWithProgress([&] { return SendOnce(path, digest, control, &committed); },
-                                  [&] { return committed; });
+  return impl_->RetryWithProgress(
+      digest, control, [&] { return SendOnce(path, digest, control, &committed); }, [&] { return committed; });
 }
 
 }  // namespace tessera

@@ -103,6 +103,7 @@ size_t ReadCallback(char* to, size_t unit, size_t count, void* user) {
     const ssize_t got = size == 0 ? 0 : ::pread(body.fd, to, size, body.offset_bytes + exchange.position);
     if (got < 0) exchange.status = FileError(errno, "cannot read the file to send");
     if (got == 0 && size > 0) exchange.status = absl::DataLossError("the file became shorter while it was sent");
+    if (exchange.status.ok() && body.progress) exchange.status = body.progress(exchange.position);
     if (!exchange.status.ok()) return CURL_READFUNC_ABORT;
     size = static_cast<size_t>(got);
   }

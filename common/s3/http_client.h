@@ -34,6 +34,8 @@ struct HttpBody {
   std::string_view bytes;
   int fd = -1;
   int64_t offset_bytes = 0, size_bytes = 0;  // of the file
+  // Called while the file is sent, with the bytes sent so far. An error ends the transfer and is returned.
+  std::function<Status(int64_t sent_bytes)> progress = {};
 };
 
 struct HttpRequest {

@@ -158,9 +158,10 @@ class SignedTransfers {
   // Passes the object's bytes from `offset_bytes` on to `take`, as S3Client::Stream.
   Status Get(const SignedRequest& request, int64_t offset_bytes,
              const std::function<Status(std::string_view bytes)>& take);
-  // Sends bytes [offset, offset + size) of a local file. Returns the ETag.
+  // Sends bytes [offset, offset + size) of a local file. Returns the ETag. `progress` (may be empty) is called with the
+  // bytes sent by the current attempt; its error ends the transfer.
   StatusOr<std::string> Put(const SignedRequest& request, const std::string& path, int64_t offset_bytes,
-                            int64_t size_bytes);
+                            int64_t size_bytes, const std::function<Status(int64_t sent_bytes)>& progress = {});
 
  private:
   struct Impl;

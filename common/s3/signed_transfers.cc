@@ -75,13 +75,15 @@ Status SignedTransfers::Get(const SignedRequest& request, int64_t offset_bytes,
 }
 
 StatusOr<std::string> SignedTransfers::Put(const SignedRequest& request, const std::string& path, int64_t offset_bytes,
-                                           int64_t size_bytes) {
+                                           int64_t size_bytes,
+                                           const std::function<Status(int64_t sent_bytes)>& progress) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return FileError(errno, "cannot open " + path);
   std::optional<std::string> etag;
   Status status = Retry(impl_->Policy(), Idempotency::kOnce, impl_->options.sleeper, [&]() -> Status {
     HttpRequest http_request;
-    http_request.body = HttpBody{.bytes = {}, .fd = fd, .offset_bytes = offset_bytes, .size_bytes = size_bytes};
+    http_request.body =
+        HttpBody{.bytes = {}, .fd = fd, .offset_bytes = offset_bytes, .size_bytes = size_bytes, .progress = progress};
     TESSERA_ASSIGN_OR_RETURN(const HttpAnswer answer, impl_->Attempt(request, std::move(http_request), false));
     etag = ParseEtag(answer.Header("etag"));
     return absl::OkStatus();

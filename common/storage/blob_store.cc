@@ -1,5 +1,7 @@
 #include "common/storage/blob_store.h"
 
+#include <utility>
+
 #include "common/base/parallel.h"
 
 namespace tessera {
@@ -20,6 +22,24 @@ StatusOr<std::string> BlobStore::Read(const Digest& digest, int64_t max_bytes) c
   TESSERA_ASSIGN_OR_RETURN(std::string content, ReadRange(digest, 0, digest.size_bytes));
   if (Sha256Hex(content) != digest.sha256) return absl::DataLossError("blob " + digest.sha256 + " is damaged");
   return content;
+}
+
+StatusOr<BlobStore::Removed> BlobStore::RemoveAll(const std::vector<BlobEntry>& entries,
+                                                  const std::function<bool()>& may_remove) {
+  Removed removed;
+  std::vector<FreeBytes> each;
+  for (const BlobEntry& entry : entries) {
+    if (may_remove && !may_remove()) return absl::CancelledError("blobs may not be removed now");
+    StatusOr<FreeBytes> free_bytes = Remove(entry);
+    if (absl::IsNotFound(free_bytes.status())) continue;
+    TESSERA_RETURN_IF_ERROR(free_bytes.status());
+    removed.entries.push_back(entry);
+    each.push_back(*std::move(free_bytes));
+  }
+  removed.free_bytes = [each = std::move(each)] {
+    for (const FreeBytes& free_bytes : each) free_bytes();
+  };
+  return removed;
 }
 
 }  // namespace tessera

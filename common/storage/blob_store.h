@@ -88,11 +88,11 @@ class BlobStore {
 
   // Number of parts in which List returns the store. Each part fits in memory.
   static constexpr int kParts = 258;
-  // All objects of a part. Some may have been removed since. Unknown files are not listed.
-  virtual std::vector<BlobEntry> List(int part) const = 0;
-  // Removes a listed object. Returns a function that frees its bytes, which may take long; until then, List returns a
-  // kLeftover. NOT_FOUND if the object does not exist, or if it is a blob whose time has changed from `entry.since_us`
-  // (kAnyTime: not compared).
+  // All objects of a part. Some may have been removed since. Unknown files are not listed. Errors of a remote store.
+  virtual StatusOr<std::vector<BlobEntry>> List(int part) const = 0;
+  // Removes a listed object. Returns a function that frees its bytes, which may take long; until then, List may return
+  // a kLeftover. NOT_FOUND if the object does not exist, or if it is a blob whose time has changed from
+  // `entry.since_us` (kAnyTime: not compared).
   using FreeBytes = std::function<void()>;
   virtual StatusOr<FreeBytes> Remove(const BlobEntry& entry) = 0;
 
@@ -105,6 +105,17 @@ class BlobStore {
   // Path of the blob's file for processes that share the store's file system, whether or not the blob exists. They may
   // read and link the file but must not write to it. Nullopt if the store has no such files.
   virtual std::optional<std::string> LocalPath(const Digest& digest) const = 0;
+
+  // --- Remove several ---
+
+  struct Removed {
+    std::vector<BlobEntry> entries;
+    FreeBytes free_bytes;  // of all of them
+  };
+  // Removes several listed objects at once, which takes less time in a remote store. Skips objects for which Remove
+  // would return NOT_FOUND. `may_remove` (may be empty) is asked right before each removal; CANCELLED if it returns
+  // false. A remote store that does not remove within about 3 s returns an error, and removes nothing later.
+  virtual StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries, const std::function<bool()>& may_remove);
 };
 
 }  // namespace tessera

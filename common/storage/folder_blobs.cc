@@ -252,7 +252,7 @@ Status FolderBlobs::Complete(const Digest& digest) {
   return Publish(path, digest);
 }
 
-std::vector<BlobEntry> FolderBlobs::List(int part) const {
+StatusOr<std::vector<BlobEntry>> FolderBlobs::List(int part) const {
   const auto [folder, kind_of_part] = FolderOfPart(part);
   std::vector<BlobEntry> entries;
   std::error_code error;

@@ -38,7 +38,7 @@ class FolderBlobs final : public BlobStore {
   StatusOr<int64_t> CommittedBytes(const Digest& digest) const override;
   StatusOr<int64_t> Append(const Digest& digest, int64_t offset, const std::string& bytes) override;
   Status Complete(const Digest& digest) override;
-  std::vector<BlobEntry> List(int part) const override;
+  StatusOr<std::vector<BlobEntry>> List(int part) const override;
   StatusOr<FreeBytes> Remove(const BlobEntry& entry) override;
   std::optional<int64_t> FreeSpace() const override;
   std::string Location() const override { return root_; }

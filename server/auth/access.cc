@@ -45,6 +45,8 @@ const std::map<std::string, RoleSet>& Rules() {
       {"/tessera.v1.Blobs/ReadBlob", kAllRoles},
       {"/tessera.v1.Blobs/WriteBlob", kWorker},
       {"/tessera.v1.Blobs/QueryWrite", kWorker},
+      {"/tessera.v1.Blobs/GetTransfers", kAllRoles},
+      {"/tessera.v1.Blobs/CompleteTransfer", kWorker},
       {"/grpc.health.v1.Health/Check", kAllRoles},
       {"/grpc.health.v1.Health/Watch", kAllRoles},
       // Served with --reflection only.

@@ -8,6 +8,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
+#include "common/s3_blobs/blob_transfers.h"
 #include "common/storage/blob_store.h"
 #include "server/admission/scene_reader.h"
 #include "server/auth/access.h"
@@ -34,6 +35,8 @@ struct ServerEnvironment {
   std::string shared_probe_path;
   std::string shared_blob_dir;
   std::string shared_probe_content;
+  // Signs the URLs with which callers read and write the blobs directly; null: all pass the blob service.
+  const BlobTransfers* transfers = nullptr;
   ClientLimitOptions limits = {};
   // Called by the thread that answers before each message and status of a call leaves: a process that another
   // coordinator may have replaced ends here, because its answers may be old. Must be quick. May be empty.

@@ -104,6 +104,10 @@ class BlobsService final : public v1::Blobs::Service {
                          v1::WriteBlobResponse* response) override;
   grpc::Status QueryWrite(grpc::ServerContext* context, const v1::QueryWriteRequest* request,
                           v1::QueryWriteResponse* response) override;
+  grpc::Status GetTransfers(grpc::ServerContext* context, const v1::GetTransfersRequest* request,
+                            v1::GetTransfersResponse* response) override;
+  grpc::Status CompleteTransfer(grpc::ServerContext* context, const v1::CompleteTransferRequest* request,
+                                v1::CompleteTransferResponse* response) override;
 
  private:
   // Blobs that a worker may read; cached while its leases do not change.
@@ -127,8 +131,14 @@ class BlobsService final : public v1::Blobs::Service {
   StatusOr<Source> Locate(const Caller& caller, const Digest& digest) const;
   // Waits until a published file is recomputed. NOT_FOUND if no job published it; UNAVAILABLE after kAwaitRemakeS.
   Status AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const;
+  // Hashes the stored blob, quarantines a damaged one, and waits until a published file is recomputed. Errors as of
+  // AwaitRemake.
+  Status CheckStored(const Caller& caller, const Digest& digest, grpc::ServerContext& context);
   // DATA_LOSS with the message `what`. Recomputes the blob if a job published it.
   Status Damaged(const Digest& digest, const std::string& what) const;
+
+  // The signed requests for one content. `request`: with the hashes of the parts, if any.
+  StatusOr<v1::Transfer> TransferOf(const Digest& digest, const v1::GetTransfersRequest& request) const;
 
   const ServerEnvironment& environment_;
   ClientLimits& limits_;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <span>
 #include <string>
 #include <utility>
@@ -178,6 +179,23 @@ void AddStorage(const MetricSources& sources, const DispatchSnapshot& now, Famil
   if (const auto free_bytes = sources.free_bytes ? sources.free_bytes() : std::nullopt) list.Add(*free_bytes);
 }
 
+// Requests of this process: those of workers and clients by signed URLs are not counted.
+void AddStore(const std::map<std::string, S3Counts>& counts, FamilyList& list) {
+  const auto of_methods = [&](const char* name, const char* help, auto value) {
+    list.Counter(name, help);
+    for (const char* method : {"copy", "delete", "get", "head", "list", "put", "upload"}) {
+      const auto found = counts.find(method);
+      list.Add(found == counts.end() ? S3Counts().*value : found->second.*value, {{"method", method}});
+    }
+  };
+  of_methods("store_requests_total", "Requests to the object store, including repeated ones", &S3Counts::calls);
+  of_methods("store_retries_total", "Requests to the object store that were repeated", &S3Counts::retries);
+  of_methods("store_errors_total", "Requests to the object store that failed after all repeats", &S3Counts::errors);
+  of_methods("store_seconds_total", "Time of all requests to the object store", &S3Counts::seconds);
+  of_methods("store_sent_bytes_total", "Bytes sent to the object store", &S3Counts::sent_bytes);
+  of_methods("store_received_bytes_total", "Bytes received from the object store", &S3Counts::received_bytes);
+}
+
 void AddRpcs(const RpcCounts& rpcs, FamilyList& list) {
   list.Counter("blob_bytes_total", "Bytes transferred through the blob service, by direction");
   list.Add(rpcs.blob_bytes_read(), {{"direction", "read"}});
@@ -210,6 +228,7 @@ std::vector<MetricFamily> Families(const MetricSources& sources) {
   AddQueue(now, list);
   AddWork(now.counts, list);
   AddStorage(sources, now, list);
+  AddStore(sources.store ? sources.store() : std::map<std::string, S3Counts>(), list);
   if (sources.rpcs != nullptr) AddRpcs(*sources.rpcs, list);
   return list.Take();
 }

@@ -3,11 +3,13 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 
 #include "common/base/status.h"
+#include "common/s3/s3_client.h"
 #include "server/metrics/dispatch_snapshot.h"
 #include "server/metrics/rpc_counts.h"
 
@@ -18,6 +20,7 @@ struct MetricSources {
   std::function<DispatchSnapshot()> dispatch;  // empty: the coordinator stands by, and has few metrics
   std::function<std::optional<int64_t>()> free_bytes;  // of the disk that holds the results
   const RpcCounts* rpcs = nullptr;
+  std::function<std::map<std::string, S3Counts>()> store = {};  // requests to the S3 store by method; empty: none
 };
 
 // Serves all metrics in Prometheus' text format at http://ADDRESS/metrics, without authentication.

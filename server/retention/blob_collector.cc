@@ -40,7 +40,8 @@ StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
     if (stop && stop()) return collected;
     const int64_t now_us = clock_->MonotonicUs(), unix_us = clock_->UnixTimeUs();
     std::vector<BlobEntry> doomed;
-    for (BlobEntry& file : blobs_->List(part)) {
+    TESSERA_ASSIGN_OR_RETURN(std::vector<BlobEntry> listed, blobs_->List(part));
+    for (BlobEntry& file : listed) {
       collected.bytes_left += file.size_bytes;
       if (file.kind == Kind::kQuarantined) {
         quarantined.push_back(std::move(file));

@@ -42,27 +42,27 @@ BlobReferences Reclaimer::CollectReferences() {
 StatusOr<std::vector<BlobEntry>> Reclaimer::RemoveBlobs(const std::vector<BlobEntry>& files) {
   std::vector<BlobEntry> gone;
   for (size_t next = 0; next < files.size();) {
-    std::vector<BlobStore::FreeBytes> taken;
+    BlobStore::Removed removed;
     {
       const std::unique_lock nobody_refers(core_.blob_use().mutex);
-      if (may_remove_ && !may_remove_()) return gone;
-      const size_t end = std::min(next + kRemovedAtOnce, files.size());
-      for (; next < end; ++next) {
-        const BlobEntry& file = files[next];
-        {
-          std::lock_guard lock(mutex_);
-          if (!core_.blob_use().since.started())
-            return absl::FailedPreconditionError("cannot remove blobs: CollectReferences has not run since the start");
+      std::vector<BlobEntry> unused;
+      {
+        std::lock_guard lock(mutex_);
+        if (!core_.blob_use().since.started())
+          return absl::FailedPreconditionError("cannot remove blobs: CollectReferences has not run since the start");
+        for (const size_t end = std::min(next + kRemovedAtOnce, files.size()); next < end; ++next) {
+          const BlobEntry& file = files[next];
           if (file.kind == BlobEntry::Kind::kBlob && core_.blob_use().since.Contains(file.sha256)) continue;
+          unused.push_back(file);
         }
-        StatusOr<BlobStore::FreeBytes> out = environment_.blobs->Remove(file);
-        if (absl::IsNotFound(out.status())) continue;
-        TESSERA_RETURN_IF_ERROR(out.status());
-        taken.push_back(*std::move(out));
-        gone.push_back(file);
       }
+      auto result = environment_.blobs->RemoveAll(unused, may_remove_);
+      if (absl::IsCancelled(result.status())) return gone;
+      TESSERA_RETURN_IF_ERROR(result.status());
+      removed = *std::move(result);
     }
-    for (const BlobStore::FreeBytes& free_bytes : taken) free_bytes();
+    removed.free_bytes();
+    gone.insert(gone.end(), removed.entries.begin(), removed.entries.end());
   }
   return gone;
 }

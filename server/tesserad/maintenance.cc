@@ -7,9 +7,9 @@
 
 #include "common/base/clock.h"
 #include "common/storage/files.h"
-#include "common/storage/folder_blobs.h"
 #include "server/jobs/coordinator.h"
 #include "server/ledger/record_owner.h"
+#include "server/retention/blob_collector.h"
 #include "server/retention/verify_state.h"
 #include "server/store/sqlite_salvage.h"
 #include "server/store/sqlite_store.h"
@@ -56,18 +56,19 @@ Status BackUpData(const std::string& data, const std::string& state, const std::
   return absl::OkStatus();
 }
 
-Status VerifyData(const std::string& data, const std::string& state, bool deep) {
+Status VerifyData(const std::string& data, const std::string& state, const BlobFlags& blob_flags, bool deep) {
   TESSERA_ASSIGN_OR_RETURN(const auto store, OpenUnused(data, state));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, FolderBlobs::Open(data + "/blobs"));
+  SystemClock clock;
+  TESSERA_ASSIGN_OR_RETURN(const OpenedBlobs opened, OpenBlobs(blob_flags, data, CollectorOptions().grace_s, &clock));
+  BlobStore* const blobs = opened.store.get();
   const auto tell = [](const std::string& fault) { std::cout << fault << "\n"; };
   TESSERA_ASSIGN_OR_RETURN(const StateSummary found, VerifyState(*store, *blobs, deep, tell));
   std::cout << found.records << " records, " << found.jobs << " jobs, " << found.blobs << " blobs";
   if (found.spare > 0) std::cout << " (" << found.spare << " removed: recomputed on demand)";
   std::cout << ", " << found.faults << " faults\n";
   if (found.faults == 0) return absl::OkStatus();
-  SystemClock clock;
   Planner planner;
-  DispatchEnvironment environment{store.get(), blobs.get(), &planner, &clock, LogRecord};
+  DispatchEnvironment environment{store.get(), blobs, &planner, &clock, LogRecord};
   environment.on_record_quarantined = [](int64_t number, const std::string&) {
     std::cout << "record " << number << " quarantined\n";
   };

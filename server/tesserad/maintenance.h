@@ -4,6 +4,7 @@
 #include <string>
 
 #include "common/base/status.h"
+#include "server/tesserad/open_blobs.h"
 
 namespace tessera {
 
@@ -14,7 +15,7 @@ Status BackUpData(const std::string& data, const std::string& state, const std::
 
 // Prints every fault and returns DATA_LOSS if there is one. Quarantines unusable records, as a start would. The state
 // must not be in use.
-Status VerifyData(const std::string& data, const std::string& state, bool deep);
+Status VerifyData(const std::string& data, const std::string& state, const BlobFlags& blob_flags, bool deep);
 
 // Replaces a damaged database by one with its readable records. The folder must not be in use. FAILED_PRECONDITION for
 // PostgreSQL.

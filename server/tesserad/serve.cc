@@ -13,7 +13,6 @@
 #include "common/log/log.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
-#include "common/storage/folder_blobs.h"
 #include "server/jobs/coordinator.h"
 #include "server/metrics/metrics_server.h"
 #include "server/retention/retention_loop.h"
@@ -29,7 +28,7 @@ constexpr double kDeleteMargin_s = 2;   // blobs are removed only while the righ
 
 // Where things are.
 struct Places {
-  std::string data, state, blobs;
+  std::string data, state;
   ListenOptions listen;
 };
 
@@ -43,7 +42,6 @@ StatusOr<Places> PlacesOf(const ServeOptions& options) {
                       "postgresql://HOST/DATABASE; without it, the state is DATA/state.sqlite, for one coordinator");
   }
   places.state = options.state.empty() ? places.data + "/state.sqlite" : options.state;
-  places.blobs = options.blobs.empty() ? places.data + "/blobs" : AbsolutePath(options.blobs);
   places.listen = options.listen;
   if (places.listen.addresses.empty()) places.listen.addresses = {"unix:" + places.data + "/socket"};
   TESSERA_RETURN_IF_ERROR(CheckListenOptions(places.listen, !options.token_file.empty()));
@@ -82,9 +80,9 @@ void WarnOfOpenAddresses(const CoordinatorServer& server, const Access& access) 
 }
 
 // Lets workers that read the file `probe` read and write blobs in the folder directly.
-Status ShareFolder(const FolderBlobs& blobs, ServerEnvironment& environment) {
-  environment.shared_blob_dir = blobs.root();
-  environment.shared_probe_path = blobs.root() + "/probe";
+Status ShareFolder(const std::string& folder, ServerEnvironment& environment) {
+  environment.shared_blob_dir = folder;
+  environment.shared_probe_path = folder + "/probe";
   environment.shared_probe_content = RandomSecret();  // identifies this folder
   return WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content);
 }
@@ -113,7 +111,7 @@ void TickUntil(const sigset_t& stop_signals, double tick_s, Coordinator& coordin
       last_refreshed = refreshed.ToString();
       if (!refreshed.ok()) LogError("token file not read: the earlier tokens stay valid", {{"error", last_refreshed}});
     }
-    const Status status = coordinator.Tick();
+    const Status status = coordinator.TickInBackground();
     const std::string error = status.ok() ? "" : status.ToString();
     // Log each error once, not at every tick.
     if (!error.empty() && error != last_error) LogError("planning failed", {{"error", error}});
@@ -134,10 +132,12 @@ void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& 
 }
 
 // Replays the state, listens, and serves until a signal arrives and running calls have ended.
-Status ServeState(const ServeOptions& options, const Places& places, const SharedStorage& storage, FolderBlobs& blobs,
+Status ServeState(const ServeOptions& options, const Places& places, const SharedStorage& storage, OpenedBlobs& opened,
                   StateStore& store, MetricsServer* metrics, const sigset_t& stop_signals) {
   const RightWatch right(store);
   SystemClock clock;
+  BlobStore* const blobs = opened.store.get();
+  TESSERA_RETURN_IF_ERROR(OpenTransfers(opened, places.data));
   RetentionOptions keeping = RetentionOptionsOf(options);
   if (IsPostgresUrl(places.state)) {
     TESSERA_ASSIGN_OR_RETURN(const Digest probe, MarkStorage(store, storage));
@@ -148,13 +148,14 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
   TESSERA_ASSIGN_OR_RETURN(const auto access, Access::Open(worker_key, options.token_file, &clock));
   Planner planner;
   DispatchEnvironment dispatch{
-      &store, &blobs, &planner, &clock, LogRecord, LogRecordQuarantined, LogJournalStatus, LogWorkerSuspended};
+      &store, blobs, &planner, &clock, LogRecord, LogRecordQuarantined, LogJournalStatus, LogWorkerSuspended};
   dispatch.on_taken_over = EndReplaced;
   TESSERA_ASSIGN_OR_RETURN(const auto coordinator, Coordinator::Open(dispatch, DispatchOptionsOf(options)));
 
   ServerEnvironment environment;
   environment.coordinator = coordinator.get();
-  environment.blobs = &blobs;
+  environment.blobs = blobs;
+  environment.transfers = opened.transfers.get();
   environment.digests = &store;
   environment.clock = &clock;
   environment.access = access.get();
@@ -166,10 +167,12 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
   environment.limits = options.limits;
   environment.limits.upload_bytes = static_cast<int64_t>(options.upload_gib * (int64_t{1} << 30));
   environment.before_reply = [&right] { right.Check(); };
-  if (!options.no_shared_storage) TESSERA_RETURN_IF_ERROR(ShareFolder(blobs, environment));
+  if (!options.no_shared_storage && !opened.folder.empty()) {
+    TESSERA_RETURN_IF_ERROR(ShareFolder(opened.folder, environment));
+  }
   TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(places.listen, environment));
   const ServingMetrics serving(metrics, {[&] { return SnapshotOf(coordinator->core()); },
-                                         [&] { return blobs.FreeSpace(); }, &server->rpc_counts()});
+                                         [&] { return blobs->FreeSpace(); }, &server->rpc_counts(), opened.counts});
   if (!options.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(options.port_file, server->address() + "\n"));
   for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
   WarnOfOpenAddresses(*server, *access);
@@ -178,7 +181,7 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
                                   {"state", store.Location()},
                                   {"start", absl::StrCat(store.StartCount())}});
   {
-    const RetentionLoop retention(coordinator->core(), &blobs, &clock, keeping);
+    const RetentionLoop retention(coordinator->core(), blobs, &clock, keeping);
     TickUntil(stop_signals, std::clamp(options.lease_s / 4, 0.05, 1.0), *coordinator, *server, *access);
   }
   const double drain_s = options.drain_s.value_or(IsPostgresUrl(places.state) ? kHandOver_s : kDrain_s);
@@ -209,8 +212,10 @@ Status Serve(const ServeOptions& options, const sigset_t& stop_signals) {
   SharedStorage storage;
   for (const std::string& root : options.scene_roots) storage.scene_roots.push_back(AbsolutePath(root));
   TESSERA_RETURN_IF_ERROR(AllowedFiles::Under(storage.scene_roots).status());
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, FolderBlobs::Open(places.blobs));
-  storage.blobs = blobs.get();
+  const SystemClock clock;
+  TESSERA_ASSIGN_OR_RETURN(
+      OpenedBlobs blobs, OpenBlobs(options.blobs, places.data, RetentionOptionsOf(options).collector.grace_s, &clock));
+  storage.blobs = blobs.store.get();
   storage.accept_blobs = options.accept_blobs;
   std::unique_ptr<MetricsServer> metrics;
   if (!places.listen.metrics.empty()) {
@@ -223,7 +228,7 @@ Status Serve(const ServeOptions& options, const sigset_t& stop_signals) {
   };
   TESSERA_ASSIGN_OR_RETURN(const auto store, AwaitState(places.state, storage, stop));
   if (store == nullptr) return absl::OkStatus();
-  const Status served = ServeState(options, places, storage, *blobs, *store, metrics.get(), stop_signals);
+  const Status served = ServeState(options, places, storage, blobs, *store, metrics.get(), stop_signals);
   store->Release();  // a standby takes over at once
   return served;
 }

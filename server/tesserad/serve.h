@@ -12,13 +12,15 @@
 #include "server/auth/client_limits.h"
 #include "server/grpc/coordinator_server.h"
 #include "server/leases/dispatch_core.h"
+#include "server/tesserad/open_blobs.h"
 
 namespace tessera {
 
 // What the options of tesserad say about serving; their help is in tesserad.cc.
 struct ServeOptions {
   std::string data;
-  std::string state, blobs;  // empty: in `data`
+  std::string state;  // empty: in `data`
+  BlobFlags blobs;
   bool accept_blobs = false;
   ListenOptions listen;
   std::string port_file, token_file;

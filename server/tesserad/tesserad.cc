@@ -77,6 +77,20 @@ void AddLimits(CLI::App& app, Flags& flags) {
       ->group("Limits");
 }
 
+// Options of the store of results. The credentials are never options: other users see the command line.
+void AddBlobFlags(CLI::App& app, BlobFlags& blobs) {
+  app.add_option("--blobs", blobs.url,
+                 "Folder for results (default DATA/blobs), or a bucket of an S3 store, s3://BUCKET/PREFIX: workers and "
+                 "clients then get signed URLs. Credentials: AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, AWS's files "
+                 "with AWS_PROFILE, or its container endpoint")
+      ->type_name("FOLDER|URL");
+  app.add_option("--s3-endpoint", blobs.endpoint, "Address of the S3 store, which workers and clients must reach, too")
+      ->type_name("URL");
+  app.add_option("--s3-region", blobs.region, "Region that requests to the S3 store are signed for")
+      ->capture_default_str();
+  app.add_option("--s3-ca", blobs.ca_file, "Certificate authorities of the S3 store, PEM")->type_name("FILE");
+}
+
 int Main(int argc, char** argv) {
   Flags flags;
   flags.data = DefaultDataFolder();
@@ -102,7 +116,7 @@ int Main(int argc, char** argv) {
                  "They need the same --blobs and --scene-root, and a --data of their own. Default: DATA/state.sqlite, "
                  "for one coordinator, also on a shared folder")
       ->type_name("URL");
-  app.add_option("--blobs", flags.blobs, "Folder for results (default DATA/blobs)")->type_name("FOLDER");
+  AddBlobFlags(app, flags.blobs);
   app.add_flag("--accept-blobs", flags.accept_blobs,
                "With --state: use --blobs although it is not the store that the state was used with; results that it "
                "lacks are recomputed");
@@ -200,7 +214,7 @@ int Main(int argc, char** argv) {
     const std::string data = AbsolutePath(flags.data);
     if (!flags.backup.empty()) status = BackUpData(data, flags.state, flags.backup);
     if (status.ok() && flags.salvage) status = SalvageData(data, flags.state);
-    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.state, flags.deep);
+    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.state, flags.blobs, flags.deep);
     if (status.ok() && !flags.copy_state.empty()) status = CopyStateTo(data, flags.state, flags.copy_state);
     return ReportExit(status);
   }

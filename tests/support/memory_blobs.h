@@ -109,7 +109,7 @@ class MemoryBlobs final : public BlobStore {
     blobs_[digest.sha256] = {content, NowUs()};
     return absl::OkStatus();
   }
-  std::vector<BlobEntry> List(int part) const override {
+  StatusOr<std::vector<BlobEntry>> List(int part) const override {
     std::lock_guard lock(mutex_);
     std::vector<BlobEntry> entries;
     for (const auto& [sha256, blob] : blobs_) {

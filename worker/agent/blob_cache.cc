@@ -32,7 +32,8 @@ StatusOr<std::unique_ptr<BlobCache>> BlobCache::Open(const std::string& root, in
   auto cache = std::unique_ptr<BlobCache>(new BlobCache(std::move(store), max_bytes));
   std::vector<BlobEntry> found;
   for (int part = 0; part < BlobStore::kParts; ++part) {
-    for (BlobEntry& entry : cache->store_->List(part)) {
+    TESSERA_ASSIGN_OR_RETURN(std::vector<BlobEntry> entries, cache->store_->List(part));
+    for (BlobEntry& entry : entries) {
       if (entry.kind == BlobEntry::Kind::kBlob) found.push_back(std::move(entry));
     }
   }

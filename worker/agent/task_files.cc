@@ -65,7 +65,7 @@ class FileMoves {
   TaskControl Of(int64_t i) {
     TaskControl control;
     control.cancelled = [this, i] { return IsCancelled(i); };
-    control.report = [this, i](double share, const std::string&) { SetMoved(i, share, 0); };
+    control.report = [this, i](double share, const std::string& reason) { SetMoved(i, share, 0, reason); };
     return control;
   }
   void Report(const std::string& stage) {
@@ -79,7 +79,8 @@ class FileMoves {
     std::lock_guard lock(mutex_);
     return !control_.Check().ok();
   }
-  void SetMoved(int64_t i, double share, int done) {
+  // `reason`: why the file waits; empty: it does not.
+  void SetMoved(int64_t i, double share, int done, const std::string& reason = "") {
     std::lock_guard lock(mutex_);
     const auto bytes = static_cast<int64_t>(share * static_cast<double>(sizes_[i]));
     moved_bytes_ += bytes - std::exchange(moved_[i], bytes);
@@ -87,7 +88,7 @@ class FileMoves {
     char numbers[96];
     std::snprintf(numbers, sizeof(numbers), ": %d of %zu, %.1f of %.1f MB", done_, sizes_.size(),
                   static_cast<double>(moved_bytes_) / 1e6, static_cast<double>(all_bytes_) / 1e6);
-    control_.Report(fraction_, stage_ + numbers);
+    control_.Report(fraction_, stage_ + numbers + (reason.empty() ? "" : ": " + reason));
   }
 
   const TaskControl& control_;

@@ -1,40 +1,19 @@
-// Contract tests of BlobStore. A new implementation adds its own parameter here.
+// The contract of BlobStore over a folder and in memory. S3: tests/unit/common/s3_blobs.
 #include "common/storage/blob_store.h"
 
 #include <fcntl.h>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <sys/stat.h>
 
 #include <fstream>
-#include <functional>
-#include <memory>
-#include <thread>
-#include <vector>
 
-#include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
+#include "tests/support/blob_store_contract.h"
 #include "tests/support/memory_blobs.h"
 
 namespace tessera {
 namespace {
 
-using Kind = BlobEntry::Kind;
-
-constexpr int64_t kHour_us = int64_t{3600} * 1'000'000;
-
-// A store and operations on it that bypass the interface.
-class StoreCase {
- public:
-  virtual ~StoreCase() = default;
-  virtual BlobStore& store() = 0;
-  // Opens the store again, like another process.
-  virtual void Reopen() {}
-  // Replaces the stored bytes in place.
-  virtual void Damage(const Digest& digest, const std::string& bytes) = 0;
-  // Sets the blob's time.
-  virtual void SetTime(const Digest& digest, int64_t since_us) = 0;
-};
+constexpr int64_t kOld_us = 1'700'000'000'000'000;
 
 class FolderCase : public StoreCase {
  public:
@@ -43,8 +22,8 @@ class FolderCase : public StoreCase {
   void Damage(const Digest& digest, const std::string& bytes) override {
     std::ofstream(*store_->LocalPath(digest), std::ios::binary) << bytes;
   }
-  void SetTime(const Digest& digest, int64_t since_us) override {
-    const timespec time = {since_us / 1'000'000, since_us % 1'000'000 * 1000}, times[] = {time, time};
+  void MakeOld(const Digest& digest) override {
+    const timespec time = {kOld_us / 1'000'000, 0}, times[] = {time, time};
     EXPECT_EQ(::utimensat(AT_FDCWD, store_->LocalPath(digest)->c_str(), times, 0), 0);
   }
 
@@ -57,258 +36,17 @@ class MemoryCase : public StoreCase {
  public:
   BlobStore& store() override { return store_; }
   void Damage(const Digest& digest, const std::string& bytes) override { store_.Damage(digest, bytes); }
-  void SetTime(const Digest& digest, int64_t since_us) override { store_.SetTime(digest, since_us); }
+  void MakeOld(const Digest& digest) override { store_.SetTime(digest, kOld_us); }
 
  private:
   MemoryBlobs store_;
 };
 
-struct Implementation {
-  std::string name;
-  std::function<std::unique_ptr<StoreCase>()> make;
-};
-
-class BlobStoreTest : public testing::TestWithParam<Implementation> {
- protected:
-  BlobStore& store() { return case_->store(); }
-  std::string File(const std::string& content) {
-    const std::string path = folder_.path() + "/file";
-    std::ofstream(path, std::ios::binary) << content;
-    return path;
-  }
-  static Digest DigestOf(const std::string& content) {
-    return {Sha256Hex(content), static_cast<int64_t>(content.size())};
-  }
-  std::vector<BlobEntry> List() {
-    std::vector<BlobEntry> entries;
-    for (int part = 0; part < BlobStore::kParts; ++part) {
-      for (BlobEntry& entry : store().List(part)) entries.push_back(std::move(entry));
-    }
-    return entries;
-  }
-  // The only object of the store.
-  BlobEntry Only() {
-    const auto entries = List();
-    EXPECT_EQ(entries.size(), 1u);
-    return entries.empty() ? BlobEntry() : entries[0];
-  }
-  BlobEntry Old(const Digest& digest) {
-    case_->SetTime(digest, 1'700'000'000'000'000);
-    return Only();
-  }
-
-  TempFolder folder_ = *TempFolder::Create(testing::TempDir());
-  const std::unique_ptr<StoreCase> case_ = GetParam().make();
-  const std::string content_ = std::string(300000, 'x') + "end";
-};
-
-TEST_P(BlobStoreTest, AllPutMethodsStoreTheSameBlob) {
-  const Digest digest = DigestOf(content_);
-  EXPECT_EQ(store().Stat(digest).code(), absl::StatusCode::kNotFound);
-  EXPECT_EQ(*store().PutFile(File(content_)), digest);
-  EXPECT_TRUE(store().Stat(digest).ok());
-  EXPECT_TRUE(FileExists(folder_.path() + "/file"));
-  EXPECT_EQ(*store().MoveFile(File(content_)), digest);
-  EXPECT_FALSE(FileExists(folder_.path() + "/file"));
-  EXPECT_EQ(*store().PutBytes(content_), digest);
-  EXPECT_EQ(*store().PutParts([&](const BlobStore::Writer& write) {
-    write(content_.substr(0, 7));
-    write(content_.substr(7));
-  }),
-            digest);
-  EXPECT_EQ(*store().Read(digest), content_);
-  EXPECT_EQ(Only().sha256, digest.sha256);
-  EXPECT_FALSE(store().PutFile(folder_.path() + "/none").ok());
-  EXPECT_FALSE(store().MoveFile(folder_.path() + "/none").ok());
-  EXPECT_EQ(List().size(), 1u);
-}
-
-TEST_P(BlobStoreTest, ReadsRanges) {
-  const Digest digest = *store().PutBytes(content_);
-  EXPECT_EQ(*store().ReadRange(digest, 0, 10), "xxxxxxxxxx");
-  EXPECT_EQ(*store().ReadRange(digest, digest.size_bytes - 4, 100), "xend");
-  EXPECT_EQ(*store().ReadRange(digest, digest.size_bytes, 100), "");
-  EXPECT_EQ(store().ReadRange(DigestOf("none"), 0, 1).status().code(), absl::StatusCode::kNotFound);
-  EXPECT_EQ(store().Read(digest, 100).status().code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_EQ(store().Read(DigestOf("none")).status().code(), absl::StatusCode::kNotFound);
-}
-
-TEST_P(BlobStoreTest, MalformedDigestsAreRefused) {
-  const Digest none = {"../../etc/passwd", 3};
-  for (const Status& status :
-       {store().Stat(none), store().ReadRange(none, 0, 1).status(), store().Read(none).status(), store().Verify(none),
-        store().VerifyOrQuarantine(none), store().Touch(none), store().CommittedBytes(none).status(),
-        store().Append(none, 0, "x").status(), store().Complete(none)}) {
-    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << status;
-  }
-}
-
-TEST_P(BlobStoreTest, DamagedBlobIsDetectedAndReplaced) {
-  const Digest digest = *store().PutFile(File(content_));
-  EXPECT_TRUE(store().Verify(digest).ok());
-  std::string damaged = content_;
-  damaged[5] ^= 1;
-  const std::function<StatusOr<Digest>()> ways[] = {
-      [&] { return store().PutBytes(content_); },
-      [&] { return store().PutFile(File(content_)); },
-      [&] { return store().MoveFile(File(content_)); },
-      [&] { return store().PutParts([&](const BlobStore::Writer& write) { write(content_); }); },
-  };
-  for (const auto& store_again : ways) {
-    case_->Damage(digest, damaged);
-    EXPECT_EQ(store().Verify(digest).code(), absl::StatusCode::kDataLoss);
-    EXPECT_EQ(store().Read(digest).status().code(), absl::StatusCode::kDataLoss);
-    EXPECT_TRUE(store_again().ok());
-    EXPECT_EQ(*store().Read(digest), content_);
-  }
-  case_->Damage(digest, "short");
-  EXPECT_FALSE(store().Has(digest));
-  EXPECT_EQ(store().Verify(digest).code(), absl::StatusCode::kDataLoss);
-  EXPECT_EQ(store().Read(digest).status().code(), absl::StatusCode::kDataLoss);
-}
-
-TEST_P(BlobStoreTest, DamagedBlobIsQuarantinedAndCanBeStoredAgain) {
-  const Digest digest = *store().PutFile(File(content_));
-  EXPECT_TRUE(store().VerifyOrQuarantine(digest).ok());
-  EXPECT_TRUE(store().Has(digest));
-  std::string damaged = content_;
-  damaged[5] ^= 1;
-  case_->Damage(digest, damaged);
-  EXPECT_TRUE(store().Has(digest)) << "Stat does not read the content";
-  EXPECT_EQ(store().VerifyOrQuarantine(digest).code(), absl::StatusCode::kDataLoss);
-  EXPECT_FALSE(store().Has(digest));
-  EXPECT_EQ(store().VerifyOrQuarantine(digest).code(), absl::StatusCode::kNotFound);
-  EXPECT_EQ(Only().kind, Kind::kQuarantined);
-  EXPECT_EQ(*store().CommittedBytes(digest), 0);
-  ASSERT_TRUE(store().Append(digest, 0, content_).ok());
-  ASSERT_TRUE(store().Complete(digest).ok());
-  EXPECT_EQ(*store().Read(digest), content_);
-}
-
-TEST_P(BlobStoreTest, QuarantinedBlobHasTheTimeOfItsQuarantine) {
-  const Digest digest = *store().PutBytes("content");
-  case_->Damage(digest, "damage!");
-  const int64_t written_us = Old(digest).since_us;
-  EXPECT_FALSE(store().VerifyOrQuarantine(digest).ok());
-  const BlobEntry entry = Only();
-  EXPECT_GT(entry.since_us, written_us + kHour_us);
-  ASSERT_TRUE(store().Remove(entry).ok());
-}
-
-TEST_P(BlobStoreTest, UploadResumesAfterReopening) {
-  const Digest digest = DigestOf(content_);
-  EXPECT_EQ(*store().CommittedBytes(digest), 0);
-  EXPECT_EQ(*store().Append(digest, 0, content_.substr(0, 1000)), 1000);
-  case_->Reopen();
-  EXPECT_EQ(*store().CommittedBytes(digest), 1000);
-  EXPECT_EQ(Only().kind, Kind::kLeftover);
-  EXPECT_EQ(store().Append(digest, 2000, "gap").status().code(), absl::StatusCode::kFailedPrecondition);
-  EXPECT_EQ(store().Append(digest, digest.size_bytes, "x").status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_EQ(store().Complete(digest).code(), absl::StatusCode::kFailedPrecondition);
-  EXPECT_EQ(*store().Append(digest, 500, content_.substr(500)), digest.size_bytes);  // overlaps
-  EXPECT_FALSE(store().Has(digest));
-  EXPECT_TRUE(store().Complete(digest).ok());
-  EXPECT_EQ(*store().Read(digest), content_);
-  EXPECT_TRUE(store().Complete(digest).ok());
-  EXPECT_EQ(*store().CommittedBytes(digest), digest.size_bytes);
-}
-
-TEST_P(BlobStoreTest, UploadOfWrongBytesIsDropped) {
-  const Digest digest = DigestOf(content_);
-  std::string wrong = content_;
-  wrong[7] = 'z';
-  ASSERT_TRUE(store().Append(digest, 0, wrong).ok());
-  EXPECT_EQ(store().Complete(digest).code(), absl::StatusCode::kDataLoss);
-  EXPECT_TRUE(List().empty());
-  EXPECT_EQ(*store().CommittedBytes(digest), 0);
-}
-
-TEST_P(BlobStoreTest, EmptyBlob) {
-  EXPECT_TRUE(store().Complete(DigestOf("")).ok());
-  EXPECT_EQ(*store().Read(DigestOf("")), "");
-}
-
-TEST_P(BlobStoreTest, ConcurrentUploadsOfOneBlob) {
-  const Digest digest = DigestOf(content_);
-  std::vector<std::thread> threads;
-  for (int t = 0; t < 4; ++t) {
-    threads.emplace_back([&] {
-      for (int64_t at = 0; at < digest.size_bytes; at += 5000) {
-        EXPECT_TRUE(store().Append(digest, at, content_.substr(static_cast<size_t>(at), 5000)).ok());
-      }
-      EXPECT_TRUE(store().Complete(digest).ok());
-    });
-  }
-  for (auto& thread : threads) thread.join();
-  EXPECT_EQ(*store().Read(digest), content_);
-}
-
-TEST_P(BlobStoreTest, RemovedBlobIsALeftoverUntilItsBytesAreFreed) {
-  const Digest digest = *store().PutBytes("content");
-  const auto free_bytes = store().Remove(Old(digest));
-  ASSERT_TRUE(free_bytes.ok()) << free_bytes.status();
-  EXPECT_FALSE(store().Has(digest));
-  const BlobEntry left = Only();
-  EXPECT_EQ(left.kind, Kind::kLeftover);
-  EXPECT_EQ(left.size_bytes, digest.size_bytes);
-  (*free_bytes)();
-  EXPECT_TRUE(List().empty());
-  EXPECT_EQ(store().Remove(left).status().code(), absl::StatusCode::kNotFound);
-}
-
-TEST_P(BlobStoreTest, LeftoverCanBeRemoved) {
-  ASSERT_TRUE(store().Append(DigestOf("content"), 0, "con").ok());
-  const auto free_bytes = store().Remove(Only());
-  ASSERT_TRUE(free_bytes.ok());
-  (*free_bytes)();
-  EXPECT_TRUE(List().empty());
-}
-
-TEST_P(BlobStoreTest, AnyTimeRemovesABlobRegardlessOfItsTime) {
-  const Digest digest = *store().PutBytes("content");
-  EXPECT_TRUE(store().Remove({Kind::kBlob, "", digest.sha256, digest.size_bytes, BlobEntry::kAnyTime}).ok());
-  EXPECT_FALSE(store().Has(digest));
-}
-
-// The second caller is about to refer to the blob.
-TEST_P(BlobStoreTest, BlobStoredAgainIsNotRemoved) {
-  const Digest digest = *store().PutBytes("content");
-  const std::string path = folder_.path() + "/file";
-  const std::function<void()> ways[] = {
-      [&] { EXPECT_TRUE(store().PutBytes("content").ok()); },
-      [&] { EXPECT_TRUE(store().PutParts([](const BlobStore::Writer& write) { write("content"); }).ok()); },
-      [&] { EXPECT_TRUE(store().PutFile(path).ok()); },
-      [&] { EXPECT_TRUE(store().MoveFile(path).ok()); },
-      [&] { EXPECT_TRUE(store().Touch(digest).ok()); },
-      [&] { EXPECT_EQ(*store().CommittedBytes(digest), digest.size_bytes) << "an uploader queries first"; },
-      [&] { EXPECT_EQ(*store().Append(digest, 0, "content"), digest.size_bytes); },
-      [&] { EXPECT_TRUE(store().Complete(digest).ok()); },
-  };
-  for (size_t way = 0; way < std::size(ways); ++way) {
-    SCOPED_TRACE(way);
-    std::ofstream(path) << "content";
-    const BlobEntry old = Old(digest);
-    ways[way]();
-    EXPECT_EQ(store().Remove(old).status().code(), absl::StatusCode::kNotFound);
-    EXPECT_TRUE(store().Verify(digest).ok());
-    EXPECT_GT(Only().since_us, old.since_us + kHour_us);
-  }
-  EXPECT_EQ(store().Touch(DigestOf("none")).code(), absl::StatusCode::kNotFound);
-}
-
-TEST_P(BlobStoreTest, LocalPathHasTheContent) {
-  const Digest digest = *store().PutBytes("content");
-  EXPECT_FALSE(store().Location().empty());
-  const auto path = store().LocalPath(digest);
-  if (path) {
-    EXPECT_EQ(*ReadFile(*path), "content");
-  }
-}
-
-INSTANTIATE_TEST_SUITE_P(Stores, BlobStoreTest,
-                         testing::Values(Implementation{"Folder", [] { return std::make_unique<FolderCase>(); }},
-                                         Implementation{"Memory", [] { return std::make_unique<MemoryCase>(); }}),
-                         [](const testing::TestParamInfo<Implementation>& info) { return info.param.name; });
+INSTANTIATE_TEST_SUITE_P(
+    Stores, BlobStoreTest,
+    testing::Values(BlobStoreImplementation{"Folder", [] { return std::make_unique<FolderCase>(); }},
+                    BlobStoreImplementation{"Memory", [] { return std::make_unique<MemoryCase>(); }}),
+    [](const testing::TestParamInfo<BlobStoreImplementation>& info) { return info.param.name; });
 
 }  // namespace
 }  // namespace tessera

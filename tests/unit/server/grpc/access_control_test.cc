@@ -10,6 +10,7 @@
 #include "common/access/tokens.h"
 #include "common/base/refusal.h"
 #include "common/rpc/status_conversion.h"
+#include "tests/support/signing_transfers.h"
 #include "tests/unit/server/grpc/raw_call.h"
 #include "tests/unit/server/grpc/server_fixture.h"
 
@@ -45,6 +46,8 @@ const std::map<std::string, std::set<std::string>> kMayCall = {
     {"/tessera.v1.Blobs/ReadBlob", {"viewer", "submitter", "worker", "admin"}},
     {"/tessera.v1.Blobs/WriteBlob", {"worker"}},
     {"/tessera.v1.Blobs/QueryWrite", {"worker"}},
+    {"/tessera.v1.Blobs/GetTransfers", {"viewer", "submitter", "worker", "admin"}},
+    {"/tessera.v1.Blobs/CompleteTransfer", {"worker"}},
     {"/grpc.health.v1.Health/Check", {"viewer", "submitter", "worker", "admin"}},
     {"/grpc.health.v1.Health/Watch", {"viewer", "submitter", "worker", "admin"}},
     {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", {"viewer", "submitter", "admin"}},
@@ -78,6 +81,7 @@ class AccessControlTest : public ServerTest {
     EXPECT_TRUE(WriteSecretFile(token_file_, table.ToText()).ok());
     access_ = *Access::Open("key of workers", token_file_, &clock_);
     environment_.access = access_.get();
+    environment_.transfers = &signing_.transfers;
     server_->Shutdown(1);
     Restart();
     environment_.coordinator = coordinator_.get();
@@ -131,6 +135,7 @@ class AccessControlTest : public ServerTest {
     return response.lease();
   }
 
+  SigningTransfers signing_;
   std::map<std::string, std::string> tokens_;  // by role
   std::string token_file_ = folder_.path() + "/tokens";
   std::unique_ptr<Access> access_;
@@ -293,6 +298,15 @@ TEST_F(AccessControlTest, BlobReadsAreAuthorizedPerCaller) {
     // A stream that ends without a message was accepted.
     if (!absl::IsPermissionDenied(status) && !absl::IsNotFound(status)) status = absl::OkStatus();
     EXPECT_EQ(response.stored(0), status.ok());
+    v1::GetTransfersRequest transfers;
+    *transfers.add_digests() = request.digest();
+    std::string answer;
+    const Status url = Call("/tessera.v1.Blobs/GetTransfers", transfers.SerializeAsString(), metadata, &answer);
+    if (absl::IsPermissionDenied(status)) {
+      EXPECT_EQ(url, status) << "a URL for whoever may not read";
+    } else {
+      EXPECT_TRUE(url.ok()) << url;
+    }
     return status;
   };
   const Metadata leased = WorkerCall(worker.worker(), worker.secret()), free = WorkerCall(idle.worker(), idle.secret());
@@ -320,6 +334,17 @@ TEST_F(AccessControlTest, BlobReadsAreAuthorizedPerCaller) {
   EXPECT_TRUE(Call("/tessera.v1.Blobs/QueryWrite", asked, leased).ok());
   for (const char* method : {"/tessera.v1.Blobs/QueryWrite", "/tessera.v1.Blobs/WriteBlob"}) {
     EXPECT_EQ(Call(method, asked, free).code(), absl::StatusCode::kPermissionDenied) << method;
+  }
+  v1::GetTransfersRequest upload;
+  *upload.add_digests() = query.digest();
+  upload.set_write(true);
+  v1::CompleteTransferRequest complete;
+  *complete.mutable_digest() = query.digest();
+  for (const Metadata& metadata : {free, TokenOf("viewer"), TokenOf("submitter"), TokenOf("admin")}) {
+    EXPECT_EQ(Call("/tessera.v1.Blobs/GetTransfers", upload.SerializeAsString(), metadata).code(),
+              absl::StatusCode::kPermissionDenied);
+    EXPECT_EQ(Call("/tessera.v1.Blobs/CompleteTransfer", complete.SerializeAsString(), metadata).code(),
+              absl::StatusCode::kPermissionDenied);
   }
   // Viewers may read published results.
   Metadata nobody;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "common/rpc/status_conversion.h"
+#include "tests/support/signing_transfers.h"
 #include "tests/unit/server/grpc/server_fixture.h"
 
 namespace tessera {
@@ -51,6 +52,7 @@ const std::map<std::string, Bound> kBounds = {
     {"Blobs/StatBlobs", {1000, 4 * kMiB}},  // those of the request
     {"Blobs/ReadBlob", {0, kMiB + 100}},    // a chunk
     {"Blobs/WriteBlob", {0, 100}},
+    {"Blobs/GetTransfers", {1000, 4 * kMiB}},  // those of the request; a signed URL has about 1 KiB
 };
 
 std::vector<const MethodDescriptor*> MethodsOfServices() {
@@ -106,6 +108,9 @@ class BoundsTest : public ServerTest {
  protected:
   static constexpr int kMany = 1300;
   BoundsTest() {
+    server_->Shutdown(1);
+    environment_.transfers = &signing_.transfers;
+    Start();
     for (int i = 1; i < kMany; ++i) {
       NewJob job = AJob(1);
       job.client = std::to_string(i % 2);  // a client may have a thousand
@@ -146,6 +151,9 @@ class BoundsTest : public ServerTest {
       create->mutable_settings()->set_tiles(2);
     if (auto* const stat = dynamic_cast<v1::StatBlobsRequest*>(request.get())) {
       for (int i = 0; i < 1000; ++i) ToProto(published_, stat->add_digests());
+    }
+    if (auto* const transfers = dynamic_cast<v1::GetTransfersRequest*>(request.get())) {
+      for (int i = 0; i < 1000; ++i) ToProto(published_, transfers->add_digests());
     }
     if (auto* const read = dynamic_cast<v1::ReadBlobRequest*>(request.get()))
       ToProto(published_, read->mutable_digest());
@@ -193,6 +201,9 @@ class BoundsTest : public ServerTest {
     return answers;
   }
 
+  ~BoundsTest() override { server_.reset(); }  // it uses signing_
+
+  SigningTransfers signing_;
   std::string big_, asker_, content_;
   Digest published_;
 };

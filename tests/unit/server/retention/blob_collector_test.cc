@@ -218,7 +218,7 @@ TEST_F(BlobCollectorTest, BlobWithANewReferenceStays) {
   std::vector<BlobEntry> doomed;
   const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
   for (int part = 0; part < BlobStore::kParts; ++part) {
-    for (const BlobEntry& file : blobs_->List(part)) {
+    for (const auto entries = *blobs_->List(part); const BlobEntry& file : entries) {
       EXPECT_FALSE(references.Needs(BlobReferences::IdOf(file.sha256)));
       doomed.push_back(file);
     }
@@ -237,7 +237,7 @@ TEST_F(BlobCollectorTest, BlobsOfARetriedJobStay) {
   std::vector<BlobEntry> spare;
   const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
   for (int part = 0; part < BlobStore::kParts; ++part) {
-    for (const BlobEntry& file : blobs_->List(part)) {
+    for (const auto entries = *blobs_->List(part); const BlobEntry& file : entries) {
       if (references.SpareSince(BlobReferences::IdOf(file.sha256)) >= 0) spare.push_back(file);
     }
   }
@@ -294,7 +294,7 @@ TEST_F(BlobCollectorTest, ResultThatAnEndedJobRecomputesStays) {
   const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
   std::vector<BlobEntry> listed;
   for (int part = 0; part < BlobStore::kParts; ++part) {
-    for (const BlobEntry& file : blobs_->List(part)) {
+    for (const auto entries = *blobs_->List(part); const BlobEntry& file : entries) {
       if (file.sha256 == tile.sha256) listed.push_back(file);
     }
   }

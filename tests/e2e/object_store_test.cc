@@ -1,0 +1,151 @@
+// A coordinator whose results are in an S3 store, and workers that share no folder with it.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <stdlib.h>
+
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "tests/e2e/programs.h"
+#include "tests/support/http_get.h"
+#include "tests/support/servers/test_s3.h"
+
+namespace tessera::e2e {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::Not;
+
+class ObjectStoreTest : public testing::Test {
+ protected:
+  void SetUp() override { TESSERA_NEED_SERVER("radosgw"); }
+
+  // A coordinator of a new prefix. Only it gets the credentials: from a file of AWS's form.
+  std::unique_ptr<Cluster> StartCluster(const std::vector<std::string>& more = {}) {
+    location_ = NewTestLocation();
+    const S3Credentials keys = TestCredentials();
+    const std::string file = folder_.path() + "/credentials";
+    std::ofstream(file) << "[default]\naws_access_key_id = " << keys.access_key
+                        << "\naws_secret_access_key = " << keys.secret_key << "\n";
+    fs::permissions(file, fs::perms::owner_read);
+    ::setenv("AWS_SHARED_CREDENTIALS_FILE", file.c_str(), 1);
+    std::vector<std::string> arguments = {"--blobs", ToText(location_), "--s3-endpoint", location_.endpoint};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    auto cluster = std::make_unique<Cluster>(folder_.path(), 15, arguments);
+    ::unsetenv("AWS_SHARED_CREDENTIALS_FILE");
+    return cluster;
+  }
+  static std::string ProcessFile(pid_t pid, const std::string& name) {
+    return Content("/proc/" + std::to_string(pid) + "/" + name);
+  }
+
+  TempFolder folder_ = *TempFolder::Create(testing::TempDir());
+  S3Location location_;
+};
+
+TEST_F(ObjectStoreTest, SameBytesWithoutASharedFolderAndWithoutSecretsInWorkers) {
+  const auto cluster = StartCluster({"--metrics-listen", "127.0.0.1:0"});
+  const std::vector<std::string> flags = {"--no-shared-storage"};
+  for (int i = 0; i < 2; ++i) cluster->AddWorker(flags);
+  const v1::Job job = cluster->Await(cluster->Submit(ToyCity(), 4).name());
+  ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
+  EXPECT_TRUE(Content(cluster->Fetch(job.name()) + "/mesh.ply") == Content(UndisturbedMesh()));
+  const TestS3 s3({}, location_);
+  EXPECT_FALSE(s3.client->List("blobs/")->objects.empty());
+  EXPECT_TRUE(s3.client->List("probe/")->objects.empty());
+  EXPECT_FALSE(fs::exists(cluster->data() + "/blobs")) << "the coordinator stores results in its folder";
+
+  const std::string started = cluster->coordinator().Output(), page = "metrics: http://";
+  const size_t at = started.find(page) + page.size();
+  const std::string metrics = HttpGet(started.substr(at, started.find('/', at) - at), "/metrics");
+  EXPECT_THAT(metrics, HasSubstr("tessera_blob_bytes_total{direction=\"written\"} 0\n"));
+  EXPECT_THAT(metrics, HasSubstr("tessera_store_requests_total{method=\"head\"}"));
+  EXPECT_THAT(metrics, Not(HasSubstr("tessera_store_requests_total{method=\"head\"} 0\n")));
+
+  std::vector<std::string> seen = {cluster->coordinator().Output(), metrics,
+                                   ProcessFile(cluster->coordinator().pid(), "cmdline"),
+                                   ProcessFile(cluster->coordinator().pid(), "environ")};
+  for (const auto& worker : cluster->workers()) {
+    for (const char* name : {"cmdline", "environ"}) seen.push_back(ProcessFile(worker->pid(), name));
+    seen.push_back(worker->Output());
+    EXPECT_THAT(ProcessFile(worker->pid(), "environ"), Not(HasSubstr("AWS_")));
+  }
+  for (const fs::directory_entry& file : fs::recursive_directory_iterator(cluster->data())) {
+    if (file.is_regular_file()) seen.push_back(Content(file.path().string()));
+  }
+  for (const std::string& text : seen) {
+    EXPECT_THAT(text, Not(HasSubstr(TestCredentials().secret_key)));
+    EXPECT_THAT(text, Not(HasSubstr("X-Amz-Signature")));
+  }
+}
+
+// Uses a store of its own, which it stops and kills.
+TEST_F(ObjectStoreTest, OutagesOfTheStoreDelayTheJob) {
+  const std::string servers = folder_.path() + "/servers", script = TESSERA_START_RADOSGW;
+  const auto gateway = [&](const std::string& action) {
+    std::vector<std::string> arguments = {servers + "/radosgw"};
+    if (!action.empty()) arguments.push_back(action);
+    const Outcome outcome = Program(folder_.path(), script, arguments).Wait();
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+  };
+  const std::string shared = ::getenv("TESSERA_TEST_SERVERS");
+  ::setenv("TESSERA_TEST_SERVERS", servers.c_str(), 1);
+  gateway("");
+  {
+    const auto cluster = StartCluster();
+    const std::vector<std::string> flags = {"--no-shared-storage"};
+    for (int i = 0; i < 2; ++i) cluster->AddWorker(flags);
+    const std::string name = cluster->Submit(ToyCity(), 4).name();
+    const auto succeeded = [&](const std::string& kind) {
+      int count = 0;
+      for (const v1::Task& task : cluster->Tasks(name)) {
+        count += task.kind() == kind && task.state() == v1::TASK_STATE_SUCCEEDED;
+      }
+      return count;
+    };
+    ASSERT_TRUE(WaitUntil([&] { return succeeded("crop") > 0; }));
+    const pid_t pid = std::stoi(ServerFile("radosgw", "pid"));
+    ASSERT_EQ(::kill(pid, SIGSTOP), 0);
+    // Nothing can be read or stored. The coordinator goes on serving.
+    ASSERT_FALSE(WaitUntil([&] { return cluster->Tasks(name).empty(); }, 2));
+    ASSERT_EQ(::kill(pid, SIGCONT), 0);
+    ASSERT_TRUE(WaitUntil([&] { return succeeded("measure") > 0; }));
+    gateway("kill");
+    ASSERT_FALSE(WaitUntil([&] { return cluster->Tasks(name).empty(); }, 2));
+    gateway("again");
+    const v1::Job job = cluster->Await(name);
+    EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
+    if (job.state() == v1::JOB_STATE_SUCCEEDED) {
+      EXPECT_TRUE(Content(cluster->Fetch(job.name()) + "/mesh.ply") == Content(UndisturbedMesh()));
+    }
+  }
+  gateway("stop");
+  ::setenv("TESSERA_TEST_SERVERS", shared.c_str(), 1);
+}
+
+TEST_F(ObjectStoreTest, WrongStoreIsToldAtTheStart) {
+  const S3Location location = NewTestLocation();
+  const auto start = [&](const std::vector<std::string>& arguments) {
+    std::vector<std::string> all = {"--data", folder_.path() + "/data", "--listen", "127.0.0.1:0"};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    return Program(folder_.path(), TESSERAD_PROGRAM, all).Wait();
+  };
+  EXPECT_THAT(start({"--blobs", "/srv/blobs"}).output, HasSubstr("expected s3://BUCKET"));
+  EXPECT_THAT(start({"--s3-endpoint", location.endpoint}).output, HasSubstr("without --blobs"));
+  ::setenv("AWS_ACCESS_KEY_ID", TestCredentials().access_key.c_str(), 1);
+  ::setenv("AWS_SECRET_ACCESS_KEY", "not-the-secret", 1);
+  const Outcome refused = start({"--blobs", ToText(location), "--s3-endpoint", location.endpoint});
+  ::unsetenv("AWS_ACCESS_KEY_ID");
+  ::unsetenv("AWS_SECRET_ACCESS_KEY");
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_THAT(refused.output, HasSubstr("credentials"));
+  EXPECT_THAT(refused.output, Not(HasSubstr("not-the-secret")));
+}
+
+}  // namespace
+}  // namespace tessera::e2e
