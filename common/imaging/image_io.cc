@@ -219,9 +219,9 @@ StatusOr<ByteImage> ReadMask(const std::string& path, const ImageSize& photograp
   TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt));
   const double height = static_cast<double>(mat.cols) * photograph.height / photograph.width;
   if (std::abs(mat.rows - height) > 1) {
-    return InputError(path, "", absl::StrCat("a mask of ", mat.cols, " x ", mat.rows, " pixels"),
-                      absl::StrCat(photograph.width, " x ", photograph.height,
-                                   " as its photograph, or the same aspect ratio"));
+    return InputError(
+        path, "", absl::StrCat("a mask of ", mat.cols, " x ", mat.rows, " pixels"),
+        absl::StrCat(photograph.width, " x ", photograph.height, " as its photograph, or the same aspect ratio"));
   }
   ByteImage mask(mat.cols, mat.rows);
   const int channels = mat.channels(), colours = std::min(channels, 3);
