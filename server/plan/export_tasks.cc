@@ -93,7 +93,7 @@ class ExportPlanner {
     if (format.write_sheet != nullptr) {
       for (const SurveySheet& sheet : sheets_) made.push_back(AddSheet(format, options, parameters, sheet));
     }
-    if (format.join == nullptr || (format.reads_changes && !work_.changes)) return;
+    if (format.join == nullptr) return;
     parameters.stage = ExportStage::kJoin;
     parameters.sheets = ids_;
     parameters.set_aside = set_aside_;
@@ -104,7 +104,7 @@ class ExportPlanner {
       if (format.has_part && i < made.size()) task.inputs.push_back({made[i], PartFileName(format.name, ids_[i])});
       if (format.join_reads_sheets) task.inputs.push_back(SheetInputOf(ids_[i], parameters.colored));
     }
-    if (format.reads_changes) {
+    if (format.reads_changes && work_.changes) {  // else the task tells that there are none
       parameters.changes = true;
       task.inputs.push_back(*work_.changes);
     }

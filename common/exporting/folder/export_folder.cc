@@ -139,17 +139,15 @@ class FolderExport {
       faults.Add(InputError("--color", "", "displacement without a start mesh",
                             "--scene SCENE, the scene of the result, or --start MESH"));
     }
+    for (std::string& warning : ExportWarnings(options_, result_.scene, table_)) {
+      warnings_.push_back(std::move(warning));
+    }
     for (const ExportFormat* format : formats_) {
       if (format->reads_changes && result_.changes_path.empty()) {
         faults.Add(InputError(request_.result, "", "no file changes.geojson",
                               absl::StrCat("the result of an update with a new flight: only that has one, so leave "
                                            "out the format ",
                                            std::string(format->name))));
-      }
-      if (format->on_globe && result_.scene.frame.crs().kind == Crs::Kind::kLocal) {
-        warnings_.push_back(absl::StrCat(std::string(format->name),
-                                         ": the scene has no coordinate reference system, so that its files have no "
-                                         "place on the globe: set `crs` in scene.json"));
       }
       if (format->reads_start && start_path_.empty()) {
         left_out_.push_back(
@@ -305,7 +303,8 @@ class FolderExport {
       const ExportFormat& format = *formats_[f];
       if (format.join == nullptr) continue;
       TESSERA_RETURN_IF_ERROR(control_.Check());
-      JoinInput input{result_.scene, options_, {}, {}};
+      JoinInput input{result_.scene, options_};
+      input.warnings = &warnings_;
       if (format.reads_changes) input.changes_path = result_.changes_path;
       for (const SheetEntry& sheet : sheets_) {
         JoinInput::Item& item = input.sheets.emplace_back();
