@@ -131,6 +131,18 @@ Status CheckExport(const ExportOptions& options, const ExportScene& scene, std::
   return faults.ToStatus();
 }
 
+Warnings ExportWarnings(const ExportOptions& options, const ExportScene& scene, std::span<const ExportFormat> formats) {
+  Warnings warnings;
+  for (const std::string& name : options.formats) {
+    const ExportFormat* const format = FindExportFormat(name, formats);
+    if (format == nullptr || !format->on_globe || scene.frame.crs().kind != Crs::Kind::kLocal) continue;
+    warnings.push_back(absl::StrCat(name,
+                                    ": the scene has no coordinate reference system, so that its files have no "
+                                    "place on the globe: set `crs` in scene.json"));
+  }
+  return warnings;
+}
+
 std::string ExportOptionsToJson(const ExportOptions& options) {
   const nlohmann::json json = {{"formats", options.formats},
                                {"crs", options.crs},

@@ -54,6 +54,7 @@ struct JoinInput {
   };
   std::vector<Item> sheets = {};  // by y, then x
   std::string changes_path = {};  // changes.geojson of an update's result, if the row asks for it; empty: there is none
+  Warnings* warnings = nullptr;   // gets what the user should know of the files; null: it is dropped
 };
 
 // A file that the function of a sheet writes for the joining function; it is not delivered.
@@ -92,6 +93,10 @@ Status CheckFormatNames(const ExportOptions& options, std::span<const ExportForm
 // a scene without one, a missing grid, a gsd that is not positive, and what a format's check refuses.
 Status CheckExport(const ExportOptions& options, const ExportScene& scene,
                    std::span<const ExportFormat> formats = ExportFormats());
+
+// What the user should know before work: formats whose files will have no place on the globe.
+Warnings ExportWarnings(const ExportOptions& options, const ExportScene& scene,
+                        std::span<const ExportFormat> formats = ExportFormats());
 
 // Canonical JSON of the options, part of task keys.
 std::string ExportOptionsToJson(const ExportOptions& options);

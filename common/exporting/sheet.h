@@ -6,6 +6,7 @@
 #include <compare>
 #include <cstdint>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "common/base/status.h"
@@ -22,7 +23,9 @@ inline constexpr int kSheetCells = 16;
 // A square of kSheetCells x kSheetCells ground cells. Sheets depend on the ground grid alone, not on the job's tiles.
 struct SheetId {
   int x = 0, y = 0;  // cells [16 x, 16 x + 16) by [16 y, 16 y + 16)
-  auto operator<=>(const SheetId&) const = default;
+  bool operator==(const SheetId&) const = default;
+  // By y, then x, as sheets are listed everywhere.
+  auto operator<=>(const SheetId& other) const { return std::tie(y, x) <=> std::tie(other.y, other.x); }
 };
 
 // The sheet of a ground cell.

@@ -15,10 +15,6 @@ namespace {
 constexpr int64_t kFaceGrain = 1 << 16;
 constexpr double kMaxCell = 1 << 30;  // cells fit an int
 
-struct ByYThenX {
-  bool operator()(const SheetId& a, const SheetId& b) const { return std::tie(a.y, a.x) < std::tie(b.y, b.x); }
-};
-
 struct SplitMesh {
   const SplitOptions& options;
   ScratchArray<Eigen::Vector3d> positions;
@@ -39,7 +35,7 @@ struct FaceSheets {
 class SheetNumbers {
  public:
   explicit SheetNumbers(const std::vector<SheetId>& allowed) : allowed_(allowed) {
-    std::sort(allowed_.begin(), allowed_.end(), ByYThenX());
+    std::sort(allowed_.begin(), allowed_.end());
   }
   uint32_t Of(const SheetId& id) {
     if (!sheets_.empty() && id == last_) return last_number_;
@@ -57,7 +53,7 @@ class SheetNumbers {
 
  private:
   std::vector<SheetId> allowed_, sheets_;
-  std::map<SheetId, uint32_t, ByYThenX> numbers_;  // also of sheets that may not exist
+  std::map<SheetId, uint32_t> numbers_;  // also of sheets that may not exist
   SheetId last_;
   uint32_t last_number_ = 0;
 };
@@ -102,7 +98,7 @@ StatusOr<FaceSheets> GroupFaces(const SplitMesh& mesh, const std::string& scratc
   }
   FaceSheets grouped;
   grouped.sheets = numbers.sheets();
-  std::sort(grouped.sheets.begin(), grouped.sheets.end(), ByYThenX());
+  std::sort(grouped.sheets.begin(), grouped.sheets.end());
   std::vector<size_t> next(grouped.sheets.size());  // by number, the place of the next face
   grouped.begin.push_back(0);
   for (const SheetId& sheet : grouped.sheets) {
@@ -156,7 +152,7 @@ size_t NearestSheet(const SheetId& id, const std::vector<SheetId>& sheets) {
     const double dy = std::max(std::abs(static_cast<double>(sheets[i].y) - id.y) - 1, 0.0);
     const double distance = dx * dx + dy * dy;
     if (distance > nearest_distance) continue;
-    if (distance == nearest_distance && !ByYThenX()(sheets[i], sheets[nearest])) continue;
+    if (distance == nearest_distance && sheets[i] > sheets[nearest]) continue;
     nearest = i;
     nearest_distance = distance;
   }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -30,5 +31,13 @@ struct SheetViews {
 std::string SheetViewsToJson(const Survey& survey, const SurveySheet& sheet);
 // INVALID_ARGUMENT if `json` is not what SheetViewsToJson writes.
 StatusOr<SheetViews> ParseSheetViews(const std::string& json);
+
+// Names of the views of each sheet with ground cells.
+using ViewNamesOfSheets = std::map<SheetId, std::vector<std::string>>;
+// JSON; report.json holds it as "views_of_sheets", so that an export of a result's folder takes the photographs that
+// one of the job takes. "{}" if the survey has no names.
+std::string ViewNamesToJson(const Survey& survey);
+// INVALID_ARGUMENT if `json` is not what ViewNamesToJson writes.
+StatusOr<ViewNamesOfSheets> ParseViewNames(const std::string& json);
 
 }  // namespace tessera

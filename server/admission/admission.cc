@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <optional>
+#include <utility>
 
 #include "server/admission/field_bounds.h"
 #include "server/settings/export_settings.h"
@@ -101,6 +102,10 @@ Status Admission::AddScene(const Submission& submission, const Cancelled& cancel
   if (job.display_name.empty()) job.display_name = scene.name;
   job.scene_path = scene.folder;
   job.warnings = scene.warnings;
+  if (request.needs_mesh) {  // else those of the base's scene: CompleteJob
+    for (std::string& warning : WarningsOfExports(job.settings, scene.place))
+      job.warnings.push_back(std::move(warning));
+  }
   TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene.folder, scene.files, environment_.scene_files,
                                                              *environment_.digests, *environment_.clock, cancelled));
   if (scene.classifier_content.empty()) return absl::OkStatus();

@@ -61,7 +61,8 @@ void AddImportCommand(CLI::App& app, int* exit_code) {
                       "Mesh: a PLY, OBJ or GLB, or a folder of tiles (default: that of an OpenDroneMap project)");
   CLI::Option* format =
       command->add_option("--format", arguments->format, absl::StrCat("Format of SOURCE: ", FormatNames()));
-  command->add_option("--images", options.photographs.folders, "Folder to search for the images (default: that of SOURCE)")
+  command
+      ->add_option("--images", options.photographs.folders, "Folder to search for the images (default: that of SOURCE)")
       ->type_name("DIR")
       ->allow_extra_args(false);
   command

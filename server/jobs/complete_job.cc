@@ -50,9 +50,10 @@ StatusOr<NewJob> CompleteExport(DispatchCore& core, NewJob job) {
   return job;
 }
 
-// Whether the exports of a job with a base are possible. Reads the base's survey, which has the scene's place.
-Status CheckExportsOfBase(DispatchCore& core, Recovery& recovery, const JobSettings& settings) {
-  if (settings.exports.formats.empty()) return absl::OkStatus();
+// Whether the exports of a job with a base are possible; returns their warnings. Reads the base's survey, which has the
+// scene's place.
+StatusOr<Warnings> CheckExportsOfBase(DispatchCore& core, Recovery& recovery, const JobSettings& settings) {
+  if (settings.exports.formats.empty()) return Warnings();
   UpdateBase base;
   {
     std::lock_guard lock(core.mutex());
@@ -67,15 +68,12 @@ Status CheckExportsOfBase(DispatchCore& core, Recovery& recovery, const JobSetti
   }
   TESSERA_ASSIGN_OR_RETURN(const std::string json, recovery.ReadSurveyOf(base));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(json));
-  return CheckExports(settings, survey);
+  TESSERA_RETURN_IF_ERROR(CheckExports(settings, survey));
+  TESSERA_ASSIGN_OR_RETURN(const ExportScene scene, ExportSceneOf(survey));
+  return WarningsOfExports(settings, scene);
 }
 
-}  // namespace
-
-StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job) {
-  if (!job.settings.update.base.empty()) {
-    TESSERA_RETURN_IF_ERROR(CheckExportsOfBase(core, recovery, job.settings));
-  }
+StatusOr<NewJob> CompleteByKind(DispatchCore& core, Recovery& recovery, NewJob job) {
   if (!job.settings.update.rollback_to.empty()) return CompleteRollback(core, recovery, std::move(job));
   if (job.settings.update.export_only) return CompleteExport(core, std::move(job));
   for (const NamedDigest& file : job.scene_files) {
@@ -109,6 +107,19 @@ StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job)
   for (const NamedDigest& file : job.scene_files) names.push_back(file.name);
   std::sort(names.begin(), names.end());
   TESSERA_RETURN_IF_ERROR(core.environment().planner->Ingest(job.settings, names).status());
+  return job;
+}
+
+}  // namespace
+
+StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job) {
+  if (job.settings.update.base.empty()) return CompleteByKind(core, recovery, std::move(job));
+  TESSERA_ASSIGN_OR_RETURN(Warnings warnings, CheckExportsOfBase(core, recovery, job.settings));
+  TESSERA_ASSIGN_OR_RETURN(job, CompleteByKind(core, recovery, std::move(job)));
+  for (std::string& warning : warnings) {
+    const bool is_known = std::find(job.warnings.begin(), job.warnings.end(), warning) != job.warnings.end();
+    if (!is_known) job.warnings.push_back(std::move(warning));
+  }
   return job;
 }
 

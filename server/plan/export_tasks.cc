@@ -27,7 +27,7 @@ class ExportPlanner {
     for (size_t i = 0; i < sheets_.size(); ++i) {
       const SheetId& id = sheets_[i].id;
       ids_.push_back(id);
-      index_[{id.y, id.x}] = i;
+      index_[id] = i;
       for (const CellRect& core : work_.quarantined) {
         if (!CoreMeets(core, CellsOf(id))) continue;
         set_aside_.push_back(id);
@@ -93,7 +93,7 @@ class ExportPlanner {
     if (format.write_sheet != nullptr) {
       for (const SurveySheet& sheet : sheets_) made.push_back(AddSheet(format, options, parameters, sheet));
     }
-    if (format.join == nullptr || (format.reads_changes && !work_.changes)) return;
+    if (format.join == nullptr) return;
     parameters.stage = ExportStage::kJoin;
     parameters.sheets = ids_;
     parameters.set_aside = set_aside_;
@@ -104,7 +104,7 @@ class ExportPlanner {
       if (format.has_part && i < made.size()) task.inputs.push_back({made[i], PartFileName(format.name, ids_[i])});
       if (format.join_reads_sheets) task.inputs.push_back(SheetInputOf(ids_[i], parameters.colored));
     }
-    if (format.reads_changes) {
+    if (format.reads_changes && work_.changes) {  // else the task tells that there are none
       parameters.changes = true;
       task.inputs.push_back(*work_.changes);
     }
@@ -135,14 +135,14 @@ class ExportPlanner {
 
   PlannedInput SheetInputOf(const SheetId& id, bool colored) const {
     if (!colored) return {split_, SheetFileName(id)};
-    return {colored_[index_.at({id.y, id.x})], ColoredSheetFileName(id)};
+    return {colored_[index_.at(id)], ColoredSheetFileName(id)};
   }
 
   void AddNeighbours(bool colored, ExportParameters* parameters, PlannedTask* task) const {
     const SheetId& id = parameters->sheet;
     for (int y = id.y - 1; y <= id.y + 1; ++y) {
       for (int x = id.x - 1; x <= id.x + 1; ++x) {
-        if ((x == id.x && y == id.y) || !index_.contains({y, x})) continue;
+        if ((x == id.x && y == id.y) || !index_.contains({x, y})) continue;
         parameters->sheets.push_back({x, y});
         task->inputs.push_back(SheetInputOf({x, y}, colored));
       }
@@ -164,7 +164,7 @@ class ExportPlanner {
   const ExportNeeds needs_;
   const std::vector<SurveySheet> sheets_;
   std::vector<SheetId> ids_, set_aside_;
-  std::map<std::pair<int, int>, size_t> index_;  // in sheets_, by y, then x
+  std::map<SheetId, size_t> index_;  // in sheets_
   TaskId split_;
   std::vector<TaskId> colored_;  // a task a sheet
   std::vector<PlannedTask> tasks_;

@@ -51,6 +51,10 @@ Status CheckExports(const JobSettings& settings, const ExportScene& scene) {
   return CheckExport(options, scene);
 }
 
+Warnings WarningsOfExports(const JobSettings& settings, const ExportScene& scene) {
+  return ExportWarnings(Converted(settings.exports), scene);
+}
+
 Status CheckExports(const JobSettings& settings, const Survey& survey) {
   if (settings.exports.formats.empty()) return absl::OkStatus();
   TESSERA_ASSIGN_OR_RETURN(const ExportScene scene, ExportSceneOf(survey));

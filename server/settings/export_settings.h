@@ -18,4 +18,7 @@ Status CheckExports(const JobSettings& settings, const ExportScene& scene);
 // not cover a sheet of the start mesh.
 Status CheckExports(const JobSettings& settings, const Survey& survey);
 
+// What the user should know of the exports before work (ExportWarnings). Empty if the job exports nothing.
+Warnings WarningsOfExports(const JobSettings& settings, const ExportScene& scene);
+
 }  // namespace tessera

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/exporting/export_scene.h"
+#include "common/exporting/survey_sheets.h"
 #include "worker/publish/fit_summary.h"
 
 namespace tessera {
@@ -126,6 +127,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
                  {"fit_change", json::parse(FitSummary(fits, survey))},
                  {"tiles", tile_reports},
                  {"warnings", survey.warnings}};
+  if (json views = json::parse(ViewNamesToJson(survey)); !views.empty()) report["views_of_sheets"] = std::move(views);
   if (!survey.fit.empty()) {
     const json fit = json::parse(survey.fit, nullptr, /*allow_exceptions=*/false);
     if (!fit.is_discarded()) report["fit"] = fit;

@@ -41,8 +41,8 @@ class ResultStatistics {
   double total_before_m2_ = 0, total_after_m2_ = 0;
 };
 
-// JSON, indented, deterministic (contains no times). "frame" is what exports need (ParseExportScene). RESOURCE_EXHAUSTED or INTERNAL if the scratch file cannot be
-// written.
+// JSON, indented, deterministic (contains no times). "frame" is what exports need (ParseExportScene).
+// RESOURCE_EXHAUSTED or INTERNAL if the scratch file cannot be written.
 StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statistics,
                                  const std::vector<ReportedTile>& tiles);
 

@@ -109,7 +109,15 @@ StatusOr<TaskOutcome> JoinExport(const TaskRequest& request, const ExportParamet
   TESSERA_ASSIGN_OR_RETURN(const std::vector<SheetId> listed, ParseSheetList(json));
   const std::set<SheetId> with_faces(listed.begin(), listed.end()),
       set_aside(parameters.set_aside.begin(), parameters.set_aside.end());
-  JoinInput input{scene, options, {}, {}};
+  TaskOutcome outcome;
+  if (format.reads_changes && !parameters.changes) {
+    outcome.warnings.push_back(absl::StrCat(std::string(format.name), ": the job has no ", kChangesGeoJsonFile,
+                                            ", so that there is nothing to export: only an update with a new flight "
+                                            "makes one"));
+    return outcome;
+  }
+  JoinInput input{scene, options};
+  input.warnings = &outcome.warnings;
   for (const SheetId& id : parameters.sheets) {
     if (!with_faces.contains(id)) continue;
     JoinInput::Item& item = input.sheets.emplace_back();
@@ -122,7 +130,6 @@ StatusOr<TaskOutcome> JoinExport(const TaskRequest& request, const ExportParamet
   const std::string folder_name = ExportFolderOf(format.name), folder = OutputPath(request, folder_name);
   TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
   TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names, format.join(input, folder, control));
-  TaskOutcome outcome;
   TESSERA_ASSIGN_OR_RETURN(outcome.outputs, Delivered(folder_name, names));
   return outcome;
 }

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -139,17 +140,15 @@ class FolderExport {
       faults.Add(InputError("--color", "", "displacement without a start mesh",
                             "--scene SCENE, the scene of the result, or --start MESH"));
     }
+    for (std::string& warning : ExportWarnings(options_, result_.scene, table_)) {
+      warnings_.push_back(std::move(warning));
+    }
     for (const ExportFormat* format : formats_) {
       if (format->reads_changes && result_.changes_path.empty()) {
         faults.Add(InputError(request_.result, "", "no file changes.geojson",
                               absl::StrCat("the result of an update with a new flight: only that has one, so leave "
                                            "out the format ",
                                            std::string(format->name))));
-      }
-      if (format->on_globe && result_.scene.frame.crs().kind == Crs::Kind::kLocal) {
-        warnings_.push_back(absl::StrCat(std::string(format->name),
-                                         ": the scene has no coordinate reference system, so that its files have no "
-                                         "place on the globe: set `crs` in scene.json"));
       }
       if (format->reads_start && start_path_.empty()) {
         left_out_.push_back(
@@ -187,6 +186,7 @@ class FolderExport {
     split.read.confidence = true;
     split.scratch_folder = work_;
     split.sheets_folder = result_sheets_;
+    for (const auto& [id, views] : result_.views_of_sheets) split.allowed.push_back(id);
     const bool has_start = wants_start_ && !start_path_.empty();
     const double middle = has_start ? kSplitShare / 2 : kSplitShare;
     TESSERA_ASSIGN_OR_RETURN(sheets_,
@@ -210,6 +210,7 @@ class FolderExport {
     split.read.file_in_warnings = fs::path(start_path_).filename().string();
     if (result_.described) split.read.label_property = LabelPropertyOf(*result_.described, start_path_);
     split.sheets_folder = start_sheets_;
+    split.allowed.clear();
     for (const SheetEntry& sheet : sheets_) split.allowed.push_back(sheet.id);
     TESSERA_ASSIGN_OR_RETURN(const std::vector<SheetEntry> start,
                              SplitMeshFile(start_path_, result_.scene, split, PartOf(control_, middle, kSplitShare)));
@@ -305,7 +306,8 @@ class FolderExport {
       const ExportFormat& format = *formats_[f];
       if (format.join == nullptr) continue;
       TESSERA_RETURN_IF_ERROR(control_.Check());
-      JoinInput input{result_.scene, options_, {}, {}};
+      JoinInput input{result_.scene, options_};
+      input.warnings = &warnings_;
       if (format.reads_changes) input.changes_path = result_.changes_path;
       for (const SheetEntry& sheet : sheets_) {
         JoinInput::Item& item = input.sheets.emplace_back();
@@ -406,7 +408,7 @@ class FolderExport {
     }
     if (photographs && result_.described) {
       const SceneDescription& scene = *result_.described;
-      for (const int32_t v : ViewsOfBox(scene.views, sheets_[i].box)) {
+      for (const int32_t v : ViewsOf(sheets_[i])) {
         const SceneView& view = scene.views[v];
         input.views.push_back(view);
         input.view_files.push_back(absl::StrCat(scene.folder, "/", view.image_path));
@@ -414,6 +416,19 @@ class FolderExport {
       }
     }
     return input;
+  }
+
+  // Indices of the scene's views that may show the sheet: those that the job chose, if the result has them.
+  std::vector<int32_t> ViewsOf(const SheetEntry& sheet) const {
+    const std::vector<SceneView>& views = result_.described->views;
+    const auto chosen = result_.views_of_sheets.find(sheet.id);
+    if (chosen == result_.views_of_sheets.end()) return ViewsOfBox(views, sheet.box);
+    const std::set<std::string> names(chosen->second.begin(), chosen->second.end());
+    std::vector<int32_t> found;
+    for (size_t v = 0; v < views.size(); ++v) {
+      if (names.contains(views[v].name)) found.push_back(static_cast<int32_t>(v));
+    }
+    return found;
   }
 
   const ExportRequest& request_;

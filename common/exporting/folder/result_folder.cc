@@ -26,6 +26,7 @@ StatusOr<ResultJson> ReadResultJson(const std::string& path) {
 // The facts of report.json that exports use.
 struct ReportFacts {
   std::optional<ExportScene> scene;
+  ViewNamesOfSheets views_of_sheets;
   std::vector<std::string> class_names;
   double gsd_m = 0;
   int failed_tiles = 0;
@@ -38,6 +39,9 @@ StatusOr<ReportFacts> ReadReport(const std::string& path) {
   try {
     if (report.contains("frame")) {
       TESSERA_ASSIGN_OR_RETURN(facts.scene, ParseExportScene(report.at("frame").dump()));
+    }
+    if (report.contains("views_of_sheets")) {
+      TESSERA_ASSIGN_OR_RETURN(facts.views_of_sheets, ParseViewNames(report.at("views_of_sheets").dump()));
     }
     facts.class_names = report.value("classes", std::vector<std::string>());
     facts.gsd_m = report.value("gsd_m", 0.0);
@@ -114,7 +118,8 @@ StatusOr<ResultFolder> OpenResultFolder(const std::string& path, const std::stri
     return InputError(path, "", absl::StrCat("no file ", kMeshFile),
                       "the folder of a result: OUT of `tessera run` or `tessera fetch`");
   }
-  TESSERA_ASSIGN_OR_RETURN(const ReportFacts facts, ReadReport(report_path));
+  TESSERA_ASSIGN_OR_RETURN(ReportFacts facts, ReadReport(report_path));
+  result.views_of_sheets = std::move(facts.views_of_sheets);
   if (!scene_path.empty()) {
     TESSERA_ASSIGN_OR_RETURN(result.described, LoadSceneOfResult(scene_path, facts, needs_photographs));
   }

@@ -8,6 +8,7 @@
 #include "common/base/status.h"
 #include "common/exporting/export_scene.h"
 #include "common/exporting/sheet.h"
+#include "common/exporting/survey_sheets.h"
 #include "common/job/ground.h"
 #include "common/scene/scene.h"
 
@@ -18,6 +19,7 @@ struct ResultFolder {
   std::string changes_path;                   // changes.geojson; empty: there is none
   ExportScene scene;                          // of report.json, else of the scene's folder
   std::optional<SceneDescription> described;  // the scene, if its folder was given
+  ViewNamesOfSheets views_of_sheets;          // that the job chose; empty: report.json does not have them
   // Cores of the tiles whose refinement failed. `is_set_aside`: some failed, and the folder does not say where they
   // are.
   std::vector<CellRect> set_aside_cores;

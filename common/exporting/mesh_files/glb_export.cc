@@ -283,7 +283,11 @@ StatusOr<std::vector<std::string>> JoinGlbOf(const JoinInput& input, const std::
   if (triangles > most_triangles) {
     TESSERA_ASSIGN_OR_RETURN(mesh, SimplifiedGlbParts(input, PartOf(control, 0.3, 0.9), area_m2, most_triangles));
     extras["triangles_before_simplification"] = triangles;
-    control.Report(0.9, absl::StrCat("glb: simplified from ", triangles, " to ", mesh.faces.size(), " triangles"));
+    if (input.warnings != nullptr) {
+      input.warnings->push_back(absl::StrCat("glb: simplified from ", triangles, " to ", mesh.faces.size(),
+                                             " triangles, because viewers read ", "one file of at most ",
+                                             most_triangles, ": 3dtiles, obj and ply have all"));
+    }
   }
   TESSERA_RETURN_IF_ERROR(GlbWriter(input, mesh).Write(absl::StrCat(folder, "/", kGlbName), std::move(extras)));
   return std::vector<std::string>{kGlbName};

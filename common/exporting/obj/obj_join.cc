@@ -68,6 +68,8 @@ class ObjWriter {
     if (!materials.empty()) file_.Add(absl::StrCat("mtllib ", kObjMaterialFile, "\n"));
   }
 
+  void AddComment(const std::string& text) { file_.Add(absl::StrCat("# ", text, "\n")); }
+
   Status Add(const ObjPiece& piece) {
     const std::vector<int64_t> numbers = AddVertices(piece);
     if (numbers.empty() && !piece.vertices.empty()) {
@@ -155,6 +157,10 @@ class ObjWriter {
 Status WriteObjFile(const JoinInput& input, const ObjFilePlan& plan, const std::string& path,
                     std::span<const std::string> materials, const TaskControl& control) {
   ObjWriter writer(path, materials);
+  const bool set_aside = std::any_of(plan.pieces.begin(), plan.pieces.end(), [&](const ObjFilePlan::Source& source) {
+    return input.sheets[source.sheet].set_aside;
+  });
+  if (set_aside) writer.AddComment("quarantined: some faces may be of tiles whose refinement failed");
   for (const ObjFilePlan::Source& source : plan.pieces) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     TESSERA_ASSIGN_OR_RETURN(const MappedArrays part, MappedArrays::Open(input.sheets[source.sheet].part_path));

@@ -16,6 +16,7 @@
 #include "common/exporting/export_map.h"
 #include "common/exporting/folder/staging.h"
 #include "common/meshio/ply.h"
+#include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "common/storage/hash.h"
 #include "tests/support/tiny_scene.h"
@@ -215,6 +216,30 @@ TEST_F(ExportFolderTest, PhotographsAreThoseThatShowTheSheet) {
   EXPECT_THAT(Message(), HasSubstr("images: found no files of 5 of the 5 images"));
   request_.options.formats = {"plain"};
   EXPECT_EQ(Export().status(), absl::OkStatus()) << "needs no photographs";
+}
+
+TEST_F(ExportFolderTest, PhotographsAreThoseThatTheJobChose) {
+  request_.scene = folder_ + "/scene";
+  request_.options.formats = {"photos"};
+  ASSERT_TRUE(Export().ok());
+  const nlohmann::json index = Index();
+  nlohmann::json sheets = nlohmann::json::object();
+  for (const nlohmann::json& sheet : index["sheets"]) sheets[sheet["sheet"].get<std::string>()] = "";
+  const std::string chosen = sheets.begin().key();
+  sheets[chosen] = "1 2";
+  const StatusOr<SceneDescription> scene = LoadScene(folder_ + "/scene", nullptr);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  nlohmann::json report = nlohmann::json::parse(ReadText(request_.result + "/report.json"));
+  // The last view has no photograph any more.
+  report["views_of_sheets"] = {{"names", {scene->views[0].name, scene->views[3].name, "gone"}}, {"sheets", sheets}};
+  WriteText(request_.result + "/report.json", report.dump());
+  request_.out = folder_ + "/other";
+  const auto exported = Export();
+  ASSERT_TRUE(exported.ok()) << exported.status();
+  for (const auto& [sheet, views] : sheets.items()) {
+    EXPECT_THAT(ReadText(request_.out + "/photos/data/" + sheet + ".txt"),
+                HasSubstr(sheet == chosen ? " 1 views" : " 0 views"));
+  }
 }
 
 TEST_F(ExportFolderTest, FilesWithoutAPlaceOnTheGlobeAreWarnedOf) {

@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "common/geodesy/reference_system.h"
+#include "common/importing/frames.h"
 
 namespace tessera {
 namespace {
@@ -85,6 +87,59 @@ TEST(GlobeMapTest, PutsPointsWhereTheirLatitudeAndLongitudeAre) {
   EXPECT_LT(p.norm(), 2000);
   EXPECT_NEAR(p.z(), 55, 1);
   EXPECT_LT((map->ecef_from_enu() * p - expected).norm(), 1e-6);
+}
+
+// Earth-centred coordinates of a point of CH1903+ / LV95 (EPSG:2056) by the formulas of swisstopo ("Formulas and
+// constants for the calculation of the Swiss conformal cylindrical projection", 2016, section 3.3), without PROJ.
+Eigen::Vector3d SwissEarthCentred(const Eigen::Vector3d& p) {
+  const double a = 6377397.155, e2 = 0.006674372230614, e = std::sqrt(e2), quarter = std::numbers::pi / 4;
+  const double lat0 = (46 + 57.0 / 60 + 8.66 / 3600) * std::numbers::pi / 180;
+  const double lon0 = (7 + 26.0 / 60 + 22.5 / 3600) * std::numbers::pi / 180;
+  const double alpha = std::sqrt(1 + e2 / (1 - e2) * std::pow(std::cos(lat0), 4));
+  const double b0 = std::asin(std::sin(lat0) / alpha);
+  const double radius = a * std::sqrt(1 - e2) / (1 - e2 * std::pow(std::sin(lat0), 2));
+  const double k = std::log(std::tan(quarter + b0 / 2)) - alpha * std::log(std::tan(quarter + lat0 / 2)) +
+                   alpha * e / 2 * std::log((1 + e * std::sin(lat0)) / (1 - e * std::sin(lat0)));
+  const double l_bar = (p.x() - 2600000) / radius;
+  const double b_bar = 2 * (std::atan(std::exp((p.y() - 1200000) / radius)) - quarter);
+  const double b = std::asin(std::cos(b0) * std::sin(b_bar) + std::sin(b0) * std::cos(b_bar) * std::cos(l_bar));
+  const double l = std::atan2(std::sin(l_bar), std::cos(b0) * std::cos(l_bar) - std::sin(b0) * std::tan(b_bar));
+  const double lon = lon0 + l / alpha;
+  double lat = b;
+  for (int i = 0; i < 20; ++i) {
+    const double s = (std::log(std::tan(quarter + b / 2)) - k) / alpha +
+                     e * std::log(std::tan(quarter + std::asin(e * std::sin(lat)) / 2));
+    lat = 2 * std::atan(std::exp(s)) - 2 * quarter;
+  }
+  const double n = a / std::sqrt(1 - e2 * std::pow(std::sin(lat), 2));
+  return {n * std::cos(lat) * std::cos(lon) + 674.374, n * std::cos(lat) * std::sin(lon) + 15.056,
+          n * (1 - e2) * std::sin(lat) + 405.346};
+}
+
+TEST(GlobeMapTest, PutsPointsOfAProjectedSourceWithinACentimetre) {
+  HeightOptions ellipsoid;
+  ellipsoid.ellipsoid = true;
+  const Eigen::Vector3d offset(2683000, 1247500, 0), centre(60, -40, 8);  // Zurich
+  for (const FrameChoice choice : {FrameChoice::kGrid, FrameChoice::kTrue}) {
+    const StatusOr<SceneMap> source = SceneMap::Choose({"EPSG:2056", offset}, choice, ellipsoid, centre);
+    ASSERT_TRUE(source.ok()) << source.status();
+    Eigen::Vector3d near = centre;
+    ASSERT_TRUE(source->SceneFromSource({&near, 1}).ok());
+    const ExportScene scene = SceneIn(source->scene(), near);
+    const StatusOr<GlobeMap> map = GlobeMap::Open(scene);
+    ASSERT_TRUE(map.ok()) << map.status();
+    for (const Eigen::Vector3d& of_source : {centre, Eigen::Vector3d(-900, 1200, 0), Eigen::Vector3d(2000, 5, -3)}) {
+      Eigen::Vector3d p = of_source;
+      ASSERT_TRUE(source->SceneFromSource({&p, 1}).ok());
+      p = scene.frame.LocalFromScene(p);
+      ASSERT_TRUE(map->EnuFromLocal({&p, 1}).ok());
+      p = map->ecef_from_enu() * p;
+      // The source's heights are above the ellipsoid of WGS 84.
+      const Eigen::Vector3d foot = GeodeticFromGeocentric(SwissEarthCentred(of_source + offset));
+      const Eigen::Vector3d expected = GeocentricFromGeodetic({foot.x(), foot.y(), of_source.z()});
+      EXPECT_LT((p - expected).norm(), 0.01) << (p - expected).transpose();
+    }
+  }
 }
 
 TEST(GlobeMapTest, TurnsUpToZWithoutASystem) {

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
+
 #include "common/exporting/survey_sheets.h"
 
 namespace tessera {
@@ -103,6 +105,31 @@ TEST(SurveySheetsTest, CellsAreGroupedAndWithdrawnViewsLeftOut) {
   EXPECT_EQ(views->views.size(), 2u);
   EXPECT_FALSE(ParseSheetViews(R"({"ids":[1],"views":"[]"})").ok());
   EXPECT_FALSE(ParseSheetViews("[").ok());
+}
+
+TEST(SurveySheetsTest, NamesOfViewsAreReadAsTheyWereWritten) {
+  Survey survey;
+  EXPECT_TRUE(ParseViewNames(ViewNamesToJson(survey))->empty());
+  survey.views.resize(3);
+  for (const auto& [x, views] : std::map<int, std::vector<int32_t>>{{-1, {0, 2}}, {0, {}}, {16, {1}}}) {
+    SurveyCell& cell = survey.cells.emplace_back();
+    cell.x = x;
+    cell.views = views;
+  }
+  EXPECT_EQ(ViewNamesToJson(survey), "{}") << "views without names";
+  survey.views[0].name = "a b";
+  survey.views[1].name = "<img src=x>";
+  survey.views[2].name = "c";
+  const StatusOr<ViewNamesOfSheets> names = ParseViewNames(ViewNamesToJson(survey));
+  ASSERT_TRUE(names.ok()) << names.status();
+  ASSERT_EQ(names->size(), 3u);
+  EXPECT_THAT(names->at({-1, 0}), ElementsAre("a b", "c"));
+  EXPECT_TRUE(names->at({0, 0}).empty());
+  EXPECT_THAT(names->at({1, 0}), ElementsAre("<img src=x>"));
+  for (const char* damaged : {"[", "{\"sheets\":3}", R"({"names":["a"],"sheets":{"0_0":"1"}})",
+                              R"({"names":["a"],"sheets":{"0":"0"}})", R"({"names":["a"],"sheets":{"0_0":[0]}})"}) {
+    EXPECT_EQ(ParseViewNames(damaged).status().code(), absl::StatusCode::kInvalidArgument) << damaged;
+  }
 }
 
 // What changes without changing a picture does not change a sheet's views.

@@ -260,8 +260,10 @@ PlainGlb ReadPlainGlb(const std::string& path) {
   return glb;
 }
 
-PlainGlb JoinedGlb(MeshFilesCity* city, int64_t most_triangles = kMostGlbTriangles) {
-  const StatusOr<std::vector<std::string>> files = JoinGlbOf(city->Input(), city->folder.path(), {}, most_triangles);
+PlainGlb JoinedGlb(MeshFilesCity* city, int64_t most_triangles = kMostGlbTriangles, Warnings* warnings = nullptr) {
+  JoinInput input = city->Input();
+  input.warnings = warnings;
+  const StatusOr<std::vector<std::string>> files = JoinGlbOf(input, city->folder.path(), {}, most_triangles);
   EXPECT_TRUE(files.ok()) << files.status();
   EXPECT_THAT(*files, testing::ElementsAre("mesh.glb"));
   return ReadPlainGlb(city->folder.path() + "/mesh.glb");
@@ -348,7 +350,9 @@ TEST(GlbExportTest, WritesColoursInLinearLight) {
 
 TEST(GlbExportTest, SimplifiesToTheMostTrianglesWithoutCracks) {
   MeshFilesCity city(VertexColor::kImage, {Relief(0, 60, 80, 0.25), Relief(60, 130, 80, 0.25)});
-  const PlainGlb glb = JoinedGlb(&city, 2000);
+  Warnings warnings;
+  const PlainGlb glb = JoinedGlb(&city, 2000, &warnings);
+  EXPECT_THAT(warnings, testing::ElementsAre(testing::HasSubstr("glb: simplified from 20800 to ")));
   const nlohmann::json& extras = glb.json["asset"]["extras"];
   EXPECT_EQ(extras["triangles_before_simplification"], 130 * 80 * 2);
   std::vector<uint32_t> corners;

@@ -12,7 +12,9 @@
 #include <set>
 #include <sstream>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "common/exporting/export_map.h"
 #include "common/exporting/obj/obj_layout.h"
 #include "common/exporting/obj/obj_materials.h"
@@ -128,7 +130,7 @@ std::vector<std::pair<SheetId, Sheet>> ObjSheets(const TriangleMesh& mesh, const
 // Exports `local` to FOLDER/out, by sheets. Returns the names of the files.
 StatusOr<std::vector<std::string>> ExportObj(const TriangleMesh& local, const ExportScene& scene,
                                              const ExportOptions& options, const std::string& folder,
-                                             int64_t max_faces = kMaxFacesOfObj) {
+                                             int64_t max_faces = kMaxFacesOfObj, const SheetId* set_aside = nullptr) {
   JoinInput join{scene, options, {}};
   for (auto& [id, sheet] : ObjSheets(local, scene)) {
     const std::string of_sheet = absl::StrCat(folder, "/parts/", SheetName(id));
@@ -136,7 +138,8 @@ StatusOr<std::vector<std::string>> ExportObj(const TriangleMesh& local, const Ex
     SheetInput input{scene, options, id, std::move(sheet), {}, {}, {}, {}, {}};
     TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names, WriteObjSheet(input, of_sheet, {}));
     EXPECT_TRUE(names.empty());
-    join.sheets.push_back({id, "", absl::StrCat(of_sheet, "/", kPartFile)});
+    const bool is_set_aside = set_aside != nullptr && *set_aside == id;
+    join.sheets.push_back({id, "", absl::StrCat(of_sheet, "/", kPartFile), is_set_aside});
   }
   TESSERA_RETURN_IF_ERROR(EnsureFolder(folder + "/out"));
   return JoinObjUpTo(max_faces, join, folder + "/out", {});
@@ -319,6 +322,22 @@ TEST_F(ObjFormatTest, WithoutTilesTheCityIsOneFileOrAFileASheet) {
   read = ReadObjFolder(out_);
   EXPECT_EQ(OpenObjEdges(read.mesh), 0);
   EXPECT_EQ(read.mesh.vertices.size(), mesh.vertices.size());
+}
+
+TEST_F(ObjFormatTest, FilesWithQuarantinedTilesSayIt) {
+  ObjSource source;
+  ExportScene scene = source.Scene();
+  scene.source.reset();
+  const TriangleMesh local = source.InLocal(source.Torus(), scene);
+  const SheetId set_aside = ObjSheets(local, scene).front().first;
+  const StatusOr<std::vector<std::string>> names =
+      ExportObj(local, scene, {}, folder_.path(), /*max_faces=*/10, &set_aside);
+  ASSERT_TRUE(names.ok()) << names.status();
+  for (const std::string& name : *names) {
+    const bool is_set_aside = name.find(absl::StrFormat("Tile_%+04d_%+04d", set_aside.x, set_aside.y)) != name.npos;
+    EXPECT_EQ(absl::StartsWith(Content(name), "# quarantined: "), is_set_aside) << name;
+  }
+  EXPECT_EQ(OpenObjEdges(ReadObjFolder(out_).mesh), 0);
 }
 
 TEST_F(ObjFormatTest, TilesWithoutRectanglesAreNotGuessed) {

@@ -153,6 +153,14 @@ TEST_F(AdmissionTest, ExportsThatTheSceneCannotHaveAreRefused) {
   EXPECT_EQ(Submit(submission).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
+TEST_F(AdmissionTest, ExportsWithoutAPlaceOnTheGlobeHaveAWarning) {
+  Submission submission = ASubmission();
+  submission.settings.exports.formats = {"3dtiles", "ply"};
+  const auto job = Submit(submission);
+  ASSERT_TRUE(job.ok()) << job.status();
+  EXPECT_THAT(job->header.warnings, ElementsAre("a warning", HasSubstr("3dtiles: the scene has no coordinate")));
+}
+
 TEST_F(AdmissionTest, LimitsAreCheckedBeforeTheSceneIsRead) {
   options_.limits.of_client = 1;
   Restart();

@@ -149,9 +149,11 @@ TEST(ExportTasksTest, StagesReadWhatTheirFormatAsksFor) {
   EXPECT_THAT(ParseExportOptions(Planned::ParametersOf(join).options)->formats, ElementsAre("all"));
 }
 
-TEST(ExportTasksTest, WithoutChangesThereIsNoChangesFormat) {
+TEST(ExportTasksTest, WithoutChangesTheTaskReadsNone) {
   const Planned planned(SeenFromAbove(20), VertexColor::kClass, {}, /*changes=*/false);
-  for (const PlannedTask& task : planned.tasks) EXPECT_NE(task.name, "export whole join");
+  const PlannedTask& join = planned.Named("export whole join");
+  EXPECT_FALSE(Planned::ParametersOf(join).changes);  // the task warns
+  EXPECT_THAT(Planned::InputsOf(join), testing::Not(testing::Contains(kChangesGeoJsonFile)));
   EXPECT_THAT(Planned::InputsOf(planned.Named("export split")), testing::Contains(kPlainSurveyFile)) << "photographs";
 }
 

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/exporting/export_scene.h"
+#include "common/exporting/survey_sheets.h"
 #include "common/scene/scene_json.h"
 #include "common/storage/files.h"
 
@@ -27,13 +28,21 @@ Survey ImportedSurvey() {
 
 TEST(JobSummaryTest, ReportHasTheFrameForExports) {
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
-  const Survey survey = ImportedSurvey();
+  Survey survey = ImportedSurvey();
   auto statistics = ResultStatistics::Create(folder.path(), survey.classes.size());
   ASSERT_TRUE(statistics.ok()) << statistics.status();
+  survey.views.resize(2);
+  survey.views[0].name = "a.jpg";
+  survey.views[1].name = "b.jpg";
+  survey.cells.emplace_back().views = {1};
   const StatusOr<std::string> report = MakeReport(survey, *std::move(statistics), {});
   ASSERT_TRUE(report.ok()) << report.status();
   const StatusOr<ExportScene> scene = ParseExportScene(nlohmann::json::parse(*report).at("frame").dump());
   ASSERT_TRUE(scene.ok()) << scene.status();
+  const auto views = ParseViewNames(nlohmann::json::parse(*report).at("views_of_sheets").dump());
+  ASSERT_TRUE(views.ok()) << views.status();
+  EXPECT_EQ(views->size(), 1u);
+  EXPECT_THAT(views->at({0, 0}), testing::ElementsAre("b.jpg"));
   EXPECT_EQ(scene->frame.crs(), survey.crs);
   EXPECT_EQ(scene->frame.origin_in_scene(), survey.origin_in_scene);
   EXPECT_EQ(scene->up, survey.up);

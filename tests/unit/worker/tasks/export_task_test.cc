@@ -215,6 +215,34 @@ TEST_F(ExportTaskTest, OneFileIsDeliveredAsItIs) {
   EXPECT_EQ(RunSheet(format, {1, 0}, {}).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
+StatusOr<std::vector<std::string>> JoinWithAWarning(const JoinInput& input, const std::string&, const TaskControl&) {
+  input.warnings->push_back("simplified");
+  return std::vector<std::string>();
+}
+
+TEST_F(ExportTaskTest, WarningsOfAFormatAreThoseOfItsTask) {
+  ASSERT_NO_FATAL_FAILURE(WriteInputs());
+  ASSERT_TRUE(Split().ok());
+  ExportFormat format;
+  format.name = "told";
+  format.join = JoinWithAWarning;
+  ExportOptions options;
+  options.formats = {"told"};
+  ExportParameters join;
+  join.stage = ExportStage::kJoin;
+  join.options = ExportOptionsToJson(options);
+  const auto joined = JoinExport({kExportKind, "", Path("split"), Path("split")}, join, format, {});
+  ASSERT_TRUE(joined.ok()) << joined.status();
+  EXPECT_THAT(joined->warnings, ElementsAre("simplified"));
+  // An update without a change report has nothing to write.
+  format.name = "changes";
+  format.reads_changes = true;
+  const auto without = JoinExport({kExportKind, "", Path("split"), Path("split")}, join, format, {});
+  ASSERT_TRUE(without.ok()) << without.status();
+  EXPECT_THAT(without->warnings, ElementsAre(testing::HasSubstr("changes: the job has no changes.geojson")));
+  EXPECT_TRUE(without->outputs.empty());
+}
+
 TEST_F(ExportTaskTest, UnknownFormatsAndParametersAreRefused) {
   for (const std::string& parameters :
        {std::string("{}"), std::string(R"({"format":"none","options":"","sheet":[0,0],"stage":"sheet"})"),
