@@ -112,7 +112,7 @@ class WatchedBlobs final : public BlobStore {
     const Call call(*this);
     return blobs_->Complete(digest);
   }
-  std::vector<BlobEntry> List(int part) const override {
+  StatusOr<std::vector<BlobEntry>> List(int part) const override {
     const Call call(*this);
     return blobs_->List(part);
   }
