@@ -8,11 +8,13 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdlib>
-#include <cstring>
+#include <iterator>
+#include <tuple>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "common/base/printable.h"
+#include "server/store/state_store.h"
 
 namespace tessera {
 namespace {
@@ -114,6 +116,7 @@ StatusOr<PostgresTarget> ParsePostgresUrl(const std::string& url) {
 }
 
 bool HasPassword(const std::string& url) {
+  if (!IsPostgresUrl(url)) return false;
   const ConnectionOptions options = ParseOptions(url);
   return options != nullptr && (!OptionOf(options, "password").empty() || !OptionOf(options, "sslpassword").empty());
 }

@@ -38,8 +38,6 @@ struct PostgresTarget {
 
 // A target without schema. INVALID_ARGUMENT if libpq cannot read the URL.
 StatusOr<PostgresTarget> ParsePostgresUrl(const std::string& url);
-// Whether the URL itself has a password or the passphrase of a key.
-bool HasPassword(const std::string& url);
 
 // A session that commits each message by itself: there is never an open transaction between two calls of Run, unless
 // the SQL begins one. Not thread-safe.

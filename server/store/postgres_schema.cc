@@ -62,18 +62,30 @@ StatusOr<int64_t> ReadVersion(PostgresConnection& connection, const PostgresTarg
   return rows.size() > 0 ? rows.Int(0, 0) : 0;
 }
 
-}  // namespace
-
-Status PreparePostgresSchema(PostgresTarget& target) {
-  TESSERA_ASSIGN_OR_RETURN(const auto connection, PostgresConnection::Open(target, kLimit_s));
-  TESSERA_ASSIGN_OR_RETURN(const PostgresRows selected, connection->Run(kSelected));
+// Sets the target's schema. Returns whether it exists.
+StatusOr<bool> SelectSchema(PostgresConnection& connection, PostgresTarget& target) {
+  TESSERA_ASSIGN_OR_RETURN(const PostgresRows selected, connection.Run(kSelected));
   if (selected.size() == 0 || selected.IsNull(0, 0)) {
     return absl::FailedPreconditionError(
         absl::StrCat(target.location, ": no schema is selected; append ?options=-csearch_path%3DNAME"));
   }
   target.schema = selected.Text(0, 0);
-  const bool exists = selected.Text(0, 1) == "t";
   if (target.schema != "public") absl::StrAppend(&target.location, " schema ", Printable(target.schema));
+  return selected.Text(0, 1) == "t";
+}
+
+}  // namespace
+
+StatusOr<bool> FindPostgresSchema(PostgresTarget& target) {
+  TESSERA_ASSIGN_OR_RETURN(const auto connection, PostgresConnection::Open(target, kLimit_s));
+  TESSERA_RETURN_IF_ERROR(SelectSchema(*connection, target).status());
+  TESSERA_ASSIGN_OR_RETURN(const int64_t version, ReadVersion(*connection, target));
+  return version > 0;
+}
+
+Status PreparePostgresSchema(PostgresTarget& target) {
+  TESSERA_ASSIGN_OR_RETURN(const auto connection, PostgresConnection::Open(target, kLimit_s));
+  TESSERA_ASSIGN_OR_RETURN(const bool exists, SelectSchema(*connection, target));
   TESSERA_ASSIGN_OR_RETURN(int64_t version, ReadVersion(*connection, target));
   if (version == 0) {
     const std::string name = SqlName(target.schema);

@@ -11,4 +11,7 @@ namespace tessera {
 // newer version; nothing is changed then. Several processes may call it at once.
 Status PreparePostgresSchema(PostgresTarget& target);
 
+// Finds and sets the schema without creating anything. Returns whether it has a state.
+StatusOr<bool> FindPostgresSchema(PostgresTarget& target);
+
 }  // namespace tessera

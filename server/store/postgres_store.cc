@@ -22,7 +22,9 @@ namespace {
 constexpr double kAnswer_s = 10;       // longest wait for a statement
 constexpr int kPage = 4096;            // records per statement of Replay
 constexpr size_t kMaxUnsynced = 4096;  // records
-constexpr int kTries = 3;              // of statements that do not write records: those are repeated by the journal
+constexpr double kImport_s = 300;
+constexpr size_t kMaxStatement = 1 << 20;  // bytes
+constexpr int kTries = 3;                  // of statements that do not write records: those are repeated by the journal
 
 std::string Numbers(const auto& values) { return absl::StrCat("'{", absl::StrJoin(values, ","), "}'"); }
 
@@ -215,6 +217,7 @@ StatusOr<std::set<int>> PostgresStore::DeletedJobs() {
 
 StatusOr<int> PostgresStore::RemoveRecords(int max_records) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->lease->CheckHeld());
   TESSERA_ASSIGN_OR_RETURN(PostgresRows rows,
                            impl_->Run(absl::StrCat("SELECT id FROM records WHERE job IN (SELECT job FROM deleted_jobs)"
                                                    " ORDER BY job, id LIMIT ",
@@ -314,16 +317,81 @@ Status PostgresStore::Replace(const std::string& name, const std::string& value)
 
 double PostgresStore::HeldFor_s() const { return impl_->lease->HeldFor_s(); }
 
+Status PostgresStore::Export(const RowSink& visit) {
+  std::lock_guard lock(impl_->mutex);
+  for (const StateTable& table : StateTables()) {
+    const auto is_number = [&](size_t column) { return table.columns[column].type == StateTable::Type::kNumber; };
+    const std::string select = absl::StrCat("SELECT ", ColumnsOf(table), " FROM ", table.name);
+    for (std::string after;;) {
+      TESSERA_ASSIGN_OR_RETURN(const PostgresRows rows,
+                               impl_->Run(absl::StrCat(select, after, " ORDER BY 1 LIMIT ", kPage)));
+      if (rows.size() == 0) break;
+      StateRow values;
+      for (int row = 0; row < rows.size(); ++row) {
+        values.clear();
+        for (size_t i = 0; i < table.columns.size(); ++i) {
+          const int column = static_cast<int>(i);
+          values.push_back(is_number(i) ? rows.Text(row, column) : rows.Bytes(row, column));
+        }
+        TESSERA_RETURN_IF_ERROR(visit(table, values));
+      }
+      after = absl::StrCat(" WHERE ", table.columns[0].name, " > ", is_number(0) ? values[0] : SqlBytes(values[0]));
+    }
+  }
+  return absl::OkStatus();
+}
+
+// One transaction on a connection of its own. It locks the row of the epoch only at its end.
+Status PostgresStore::Import(const std::function<Status(const RowSink& add)>& fill, int64_t starts) {
+  std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->lease->CheckHeld());
+  if (impl_->next_id > 1) {
+    return absl::FailedPreconditionError(impl_->target.location + ": found records, expected an empty state");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const auto connection, PostgresConnection::Open(impl_->target, kImport_s));
+  std::string sql = "BEGIN";
+  for (const StateTable& table : StateTables()) absl::StrAppend(&sql, "; DELETE FROM ", table.name);
+  TESSERA_RETURN_IF_ERROR(connection->Run(sql).status());
+  const StateTable* filled = nullptr;  // of the rows in `sql`
+  const auto send = [&] { return filled != nullptr ? connection->Run(sql).status() : absl::OkStatus(); };
+  TESSERA_RETURN_IF_ERROR(fill([&](const StateTable& table, const StateRow& row) {
+    const bool next = filled != &table || sql.size() > kMaxStatement;
+    if (next) {
+      TESSERA_RETURN_IF_ERROR(send());
+      sql = absl::StrCat("INSERT INTO ", table.name, " (", ColumnsOf(table), ") VALUES ");
+      filled = &table;
+    }
+    for (size_t i = 0; i < row.size(); ++i) {
+      absl::StrAppend(&sql,
+                      i > 0  ? ", "
+                      : next ? "("
+                             : ", (",
+                      table.columns[i].type == StateTable::Type::kNumber ? row[i] : SqlBytes(row[i]));
+    }
+    sql += ")";
+    return Status();
+  }));
+  TESSERA_RETURN_IF_ERROR(send());
+  TESSERA_ASSIGN_OR_RETURN(const PostgresRows ours,
+                           connection->Run(absl::StrCat("UPDATE coordinator SET epoch = greatest(epoch + 1, ", starts,
+                                                        "), holder = '', renewed = to_timestamp(0) WHERE epoch = ",
+                                                        impl_->lease->epoch(), " RETURNING epoch")));
+  impl_->lease->SetLost();  // by whoever opens the state next, if not before
+  if (ours.size() == 0) return impl_->lease->CheckHeld();
+  return connection->Run("COMMIT").status();
+}
+
 void PostgresStore::Release() { impl_->lease->Release(); }
 
 StatusOr<std::optional<std::string>> ReadKept(const std::string& url, const std::string& name) {
-  constexpr char kNoTable[] = "42P01";
-  TESSERA_ASSIGN_OR_RETURN(const PostgresTarget target, ParsePostgresUrl(url));
+  TESSERA_ASSIGN_OR_RETURN(PostgresTarget target, ParsePostgresUrl(url));
+  TESSERA_ASSIGN_OR_RETURN(const bool exists, FindPostgresSchema(target));
+  if (!exists) return std::nullopt;
   TESSERA_ASSIGN_OR_RETURN(const auto connection, PostgresConnection::Open(target, kAnswer_s));
-  const auto rows = connection->Run("SELECT value FROM kept WHERE name = " + SqlBytes(name));
-  if (connection->error_code() == kNoTable) return std::nullopt;
-  TESSERA_RETURN_IF_ERROR(rows.status());
-  return rows->size() == 0 ? std::nullopt : std::optional(rows->Bytes(0, 0));
+  TESSERA_ASSIGN_OR_RETURN(const PostgresRows rows,
+                           connection->Run(absl::StrCat("SELECT value FROM kept WHERE name = ", SqlBytes(name))));
+  if (rows.size() == 0) return std::nullopt;
+  return rows.Bytes(0, 0);
 }
 
 }  // namespace tessera

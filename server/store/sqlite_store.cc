@@ -11,6 +11,7 @@
 #include <set>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "common/access/secrets.h"
 #include "common/storage/files.h"
 #include "server/store/record_rows.h"
@@ -271,6 +272,71 @@ Status SqliteStore::Replace(const std::string& name, const std::string& value) {
 }
 
 double SqliteStore::HeldFor_s() const { return impl_->released ? 0 : std::numeric_limits<double>::infinity(); }
+
+Status SqliteStore::Export(const RowSink& visit) {
+  std::lock_guard lock(impl_->mutex);
+  for (const StateTable& table : StateTables()) {
+    Statement select(impl_->db, absl::StrCat("SELECT ", ColumnsOf(table), " FROM ", table.name, " ORDER BY 1").c_str());
+    int code = SQLITE_OK;
+    while ((code = select.Step()) == SQLITE_ROW) {
+      StateRow row;
+      for (const StateTable::Column& column : table.columns) {
+        const int index = static_cast<int>(row.size());
+        row.push_back(column.type == StateTable::Type::kNumber ? std::to_string(select.Int(index))
+                                                               : select.Bytes(index));
+      }
+      TESSERA_RETURN_IF_ERROR(visit(table, row));
+    }
+    if (code != SQLITE_DONE) return impl_->Error(code, std::string("cannot read table ") + table.name);
+  }
+  return absl::OkStatus();
+}
+
+Status SqliteStore::Import(const std::function<Status(const RowSink& add)>& fill, int64_t starts) {
+  std::unique_lock lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->CheckHeld());
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
+  if (impl_->next_id > 1)
+    return absl::FailedPreconditionError(impl_->path + ": found records, expected an empty state");
+  std::string clear;
+  for (const StateTable& table : StateTables()) absl::StrAppend(&clear, "DELETE FROM ", table.name, ";");
+  std::map<const StateTable*, std::unique_ptr<Statement>> inserts;
+  TESSERA_RETURN_IF_ERROR(impl_->Run("BEGIN IMMEDIATE"));
+  Status status = impl_->Run(clear);
+  if (status.ok()) {
+    status = fill([&](const StateTable& table, const StateRow& row) {
+      auto& insert = inserts[&table];
+      if (insert == nullptr) {
+        std::string sql = absl::StrCat("INSERT INTO ", table.name, " (", ColumnsOf(table), ") VALUES (?");
+        for (size_t i = 1; i < table.columns.size(); ++i) sql += ", ?";
+        insert = std::make_unique<Statement>(impl_->db, (sql + ")").c_str());
+      }
+      for (int i = 0; i < static_cast<int>(row.size()); ++i) {
+        switch (table.columns[i].type) {
+          case StateTable::Type::kNumber:
+            insert->Bind(i + 1, std::stoll(row[i]));
+            break;
+          case StateTable::Type::kText:
+            insert->BindText(i + 1, row[i]);
+            break;
+          case StateTable::Type::kBlob:
+            insert->BindBlob(i + 1, row[i]);
+            break;
+        }
+      }
+      const int code = insert->Step();
+      const Status stored =
+          code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, std::string("cannot fill table ") + table.name);
+      insert->Reset();
+      return stored;
+    });
+  }
+  if (status.ok()) status = impl_->Run(absl::StrCat("UPDATE starts SET count = max(count, ", starts, ")"));
+  TESSERA_RETURN_IF_ERROR(impl_->End(std::move(status)));
+  lock.unlock();
+  Release();
+  return absl::OkStatus();
+}
 
 void SqliteStore::Release() {
   std::lock_guard lock(impl_->mutex);

@@ -36,6 +36,8 @@ class SqliteStore : public StateStore {
   StatusOr<std::string> Keep(const std::string& name, const std::string& value) override;
   Status Replace(const std::string& name, const std::string& value) override;
   double HeldFor_s() const override;
+  Status Export(const RowSink& visit) override;
+  Status Import(const std::function<Status(const RowSink& add)>& fill, int64_t starts) override;
   void Release() override;
 
  private:

@@ -8,6 +8,7 @@
 
 #include "common/base/status.h"
 #include "server/store/record_store.h"
+#include "server/store/state_copy.h"
 
 namespace tessera {
 
@@ -31,6 +32,12 @@ class StateStore : public RecordStore, public DigestCache {
   // process can take it (SQLite: the data folder is locked). 0 or less: the process must answer nothing more. Never
   // waits for the database.
   virtual double HeldFor_s() const = 0;
+  // Calls `visit` for every row of every table of StateTables, by table and primary key. Returns its first error.
+  virtual Status Export(const RowSink& visit) = 0;
+  // Stores the rows that `fill` passes on, or none of them, in place of what an empty state has; the start count
+  // becomes at least `starts`. FAILED_PRECONDITION if there are records. Releases the right to write.
+  virtual Status Import(const std::function<Status(const RowSink& add)>& fill, int64_t starts) = 0;
+
   // Gives the right to write up at once, so that a standby need not wait. Append returns ABORTED from then on.
   virtual void Release() = 0;
 };
@@ -60,5 +67,7 @@ StatusOr<std::optional<std::string>> ReadKept(const std::string& url, const std:
 
 // Whether `url` names a PostgreSQL database.
 bool IsPostgresUrl(const std::string& url);
+// Whether it does and contains a password or the passphrase of a key.
+bool HasPassword(const std::string& url);
 
 }  // namespace tessera

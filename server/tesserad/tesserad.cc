@@ -21,7 +21,7 @@ namespace tessera {
 namespace {
 
 struct Flags : ServeOptions {
-  std::string backup;
+  std::string backup, copy_state;
   bool verify_state = false, deep = false, salvage = false;
   std::string log_level = "info";
   bool json_logs = false;
@@ -163,10 +163,14 @@ int Main(int argc, char** argv) {
   instead(
       app.add_option("--backup", flags.backup, "Copy the state of the data folder, which may be in use, to this file"));
   CLI::Option* const verify = instead(app.add_flag(
-      "--verify-state", flags.verify_state, "Check the data folder and list its faults; exit code 1 if there are any"));
+      "--verify-state", flags.verify_state, "Check the state and list its faults; exit code 1 if there are any"));
   instead(app.add_flag("--deep", flags.deep, "With --verify-state: read and hash all results"))->needs(verify);
   instead(app.add_flag("--salvage", flags.salvage,
                        "Recover the readable records of a damaged state; the damaged file is kept under another name"));
+  instead(app.add_option("--copy-state", flags.copy_state,
+                         "Copy the state of a stopped coordinator to another database: a file or postgresql://..., "
+                         "which must be new or empty. Then start the coordinator with it (--state)"))
+      ->type_name("TO");
   app.add_flag("--no-shared-storage", flags.no_shared_storage,
                "Transfer all data of workers through the blob service; otherwise workers of this user read and write "
                "DATA/blobs directly and must be trusted");
@@ -184,11 +188,20 @@ int Main(int argc, char** argv) {
     return 2;
   }
   Status status;
-  if (!flags.backup.empty() || flags.verify_state || flags.salvage) {
+  // The command line is in the list of processes.
+  for (const std::string& url : {flags.state, flags.copy_state}) {
+    if (!url.empty() && HasPassword(url)) {
+      return ReportExit(absl::InvalidArgumentError(
+          "found a password in the address of the database, which every local user can read in the list of processes; "
+          "write it to a password file (~/.pgpass or PGPASSFILE) or a service file"));
+    }
+  }
+  if (!flags.backup.empty() || flags.verify_state || flags.salvage || !flags.copy_state.empty()) {
     const std::string data = AbsolutePath(flags.data);
-    if (!flags.backup.empty()) status = BackUpData(data, flags.backup);
-    if (status.ok() && flags.salvage) status = SalvageData(data);
-    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.deep);
+    if (!flags.backup.empty()) status = BackUpData(data, flags.state, flags.backup);
+    if (status.ok() && flags.salvage) status = SalvageData(data, flags.state);
+    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.state, flags.deep);
+    if (status.ok() && !flags.copy_state.empty()) status = CopyStateTo(data, flags.state, flags.copy_state);
     return ReportExit(status);
   }
   // Block the signals in every thread; Serve waits for them.

@@ -13,18 +13,23 @@
 #include "common/storage/folder_blobs.h"
 #include "server/grpc/coordinator_server.h"
 #include "server/jobs/coordinator.h"
-#include "server/store/sqlite_store.h"
+#include "server/store/state_store.h"
 
 namespace tessera {
 
 class BenchCoordinator {
  public:
   // State and blobs lie in `folder`. `planner` must outlive it. `shared_storage`: workers are told where blobs lie.
-  // `tls`: with a certificate by `folder`/ca.pem, and for workers with the token in `folder`/worker.token.
+  // `tls`: with a certificate by `folder`/ca.pem, and for workers with the token in `folder`/worker.token. `state`: URL
+  // of an empty state in place of a database in `folder`; or empty.
   static StatusOr<std::unique_ptr<BenchCoordinator>> Start(const std::string& folder, Planner* planner,
-                                                           bool shared_storage, bool tls = false) {
+                                                           bool shared_storage, bool tls = false,
+                                                           const std::string& state = "") {
     std::unique_ptr<BenchCoordinator> started(new BenchCoordinator);
-    TESSERA_ASSIGN_OR_RETURN(started->store_, SqliteStore::Open(folder + "/state.sqlite"));
+    TESSERA_ASSIGN_OR_RETURN(started->store_, OpenState(state.empty() ? folder + "/state.sqlite" : state, {}));
+    int records = 0;
+    TESSERA_RETURN_IF_ERROR(started->store_->Replay([&](const StoredRecord&) { ++records; }));
+    if (records > 0) return absl::FailedPreconditionError("found records in the state, expected an empty one");
     TESSERA_ASSIGN_OR_RETURN(started->blobs_, FolderBlobs::Open(folder + "/blobs"));
     TESSERA_ASSIGN_OR_RETURN(started->coordinator_, Coordinator::Open({started->store_.get(), started->blobs_.get(),
                                                                        planner, &started->clock_, /*on_change=*/{}},
@@ -79,7 +84,7 @@ class BenchCoordinator {
 
   SystemClock clock_;
   std::unique_ptr<Access> access_;
-  std::unique_ptr<SqliteStore> store_;
+  std::unique_ptr<StateStore> store_;
   std::unique_ptr<FolderBlobs> blobs_;
   std::unique_ptr<Coordinator> coordinator_;
   std::unique_ptr<CoordinatorServer> server_;

@@ -197,6 +197,39 @@ Status Run(const Arguments& arguments, const std::string& parent) {
   return Serve(arguments, folder.path(), address_file);
 }
 
+// A fleet in a process of its own: 0 tasks a second if it fails.
+double FleetInChild(const FleetArguments& fleet, const std::string& folder, const std::string& state) {
+  int result[2] = {};
+  if (pipe(result) != 0) return 0;
+  if (fork() == 0) {
+    const auto rate = RunFleet(fleet, folder, state);
+    if (!rate.ok()) std::fprintf(stderr, "dispatch_bench: %s\n", std::string(rate.status().message()).c_str());
+    std::fflush(stdout);
+    const double value = rate.value_or(0);
+    _exit(write(result[1], &value, sizeof(value)) == sizeof(value) ? 0 : 1);
+  }
+  double value = 0;
+  close(result[1]);
+  const bool got = read(result[0], &value, sizeof(value)) == sizeof(value);
+  close(result[0]);
+  while (wait(nullptr) > 0) {
+  }
+  return got ? value : 0;
+}
+
+// The same fleet on SQLite and on PostgreSQL.
+Status CompareStates(const FleetArguments& fleet, const std::string& folder, const std::string& state) {
+  std::printf("SQLite:\n");
+  std::fflush(stdout);
+  const double sqlite = FleetInChild(fleet, folder + "/sqlite", "");
+  std::printf("PostgreSQL:\n");
+  std::fflush(stdout);
+  const double postgres = FleetInChild(fleet, folder + "/postgresql", state);
+  if (sqlite == 0 || postgres == 0) return absl::InternalError("a run has failed");
+  std::printf("tasks a second on PostgreSQL / SQLite: %.0f / %.0f = %.2f\n", postgres, sqlite, postgres / sqlite);
+  return absl::OkStatus();
+}
+
 }  // namespace
 }  // namespace tessera
 
@@ -205,7 +238,7 @@ int main(int argc, char** argv) {
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   tessera::Arguments arguments;
   tessera::FleetArguments fleet;
-  std::string folder, reopen;
+  std::string folder, reopen, state;
   CLI::App app("What a task costs beside its work");
   app.add_option("--tiles", arguments.tiles)->capture_default_str();
   app.add_option("--workers", arguments.workers)->capture_default_str();
@@ -217,12 +250,16 @@ int main(int argc, char** argv) {
                  "needs --folder, where the state stays");
   app.add_option("--work-s", fleet.work_s, "with --tasks: that a worker takes for one");
   app.add_flag("--tls", fleet.tls, "with --tasks: over TLS, with tokens");
+  app.add_option("--state", state,
+                 "with --tasks: first with SQLite, then with the state in this empty PostgreSQL database or schema "
+                 "(postgresql://...), and the ratio of their tasks a second");
   app.add_option("--reopen", reopen, "instead: how long a coordinator takes to start on the state of such a run");
   CLI11_PARSE(app, argc, argv);
   fleet.workers = arguments.workers;
-  const tessera::Status status = !reopen.empty()   ? tessera::ReopenFleet(reopen)
-                                 : fleet.tasks > 0 ? tessera::RunFleet(fleet, folder)
-                                                   : tessera::Run(arguments, folder);
+  const tessera::Status status = !reopen.empty()                     ? tessera::ReopenFleet(reopen)
+                                 : fleet.tasks > 0 && !state.empty() ? tessera::CompareStates(fleet, folder, state)
+                                 : fleet.tasks > 0                   ? tessera::RunFleet(fleet, folder, "").status()
+                                                                     : tessera::Run(arguments, folder);
   if (status.ok()) return 0;
   std::fprintf(stderr, "dispatch_bench: %s\n", std::string(status.message()).c_str());
   return 1;

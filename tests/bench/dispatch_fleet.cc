@@ -357,11 +357,12 @@ int Work(const FleetArguments& arguments, const std::string& folder, const std::
   _exit(0);  // calls may be under way still
 }
 
-Status Serve(const FleetArguments& arguments, const std::string& folder, const std::string& address_file) {
+StatusOr<double> Serve(const FleetArguments& arguments, const std::string& folder, const std::string& state,
+                       const std::string& address_file) {
   TESSERA_RETURN_IF_ERROR(SetUpLog("off", false));
   ChainPlanner planner(arguments);
   TESSERA_ASSIGN_OR_RETURN(const auto served,
-                           BenchCoordinator::Start(folder, &planner, /*shared_storage=*/false, arguments.tls));
+                           BenchCoordinator::Start(folder, &planner, /*shared_storage=*/false, arguments.tls, state));
   TESSERA_RETURN_IF_ERROR(served->blobs().PutBytes("survey").status());
   Coordinator& coordinator = served->coordinator();
   std::thread ticker([&] {
@@ -404,7 +405,8 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   std::printf("memory at most: %.0f bytes a task\n", (most_bytes - before) / arguments.tasks);
   coordinator.core().Stop();
   ticker.join();
-  return status.header.state == JobState::kSucceeded ? absl::OkStatus() : absl::InternalError(status.header.error);
+  if (status.header.state != JobState::kSucceeded) return absl::InternalError(status.header.error);
+  return arguments.tasks / run_s;
 }
 
 }  // namespace
@@ -416,11 +418,11 @@ double CpuSeconds(int who) {
   return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
-Status RunFleet(const FleetArguments& arguments, const std::string& folder) {
+StatusOr<double> RunFleet(const FleetArguments& arguments, const std::string& folder, const std::string& state) {
   const std::string address_file = folder + "/address";
   TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
   if (fork() == 0) _exit(Work(arguments, folder, address_file));
-  return Serve(arguments, folder, address_file);
+  return Serve(arguments, folder, state, address_file);
 }
 
 Status ReopenFleet(const std::string& folder) {

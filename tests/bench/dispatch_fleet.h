@@ -19,8 +19,9 @@ struct FleetArguments {
 
 // Runs a job of so many tasks, each with parameters of 400 bytes and statistics of 300, in chains as long as tiles have
 // steps, and prints tasks a second, latencies of leases and heartbeats, and the coordinator's memory a task. `folder`:
-// where state and blobs lie, and stay.
-Status RunFleet(const FleetArguments& arguments, const std::string& folder);
+// where state and blobs lie, and stay. `state`: postgresql://..., an empty state, in place of the folder's; or empty.
+// Returns tasks a second.
+StatusOr<double> RunFleet(const FleetArguments& arguments, const std::string& folder, const std::string& state);
 
 // Opens the state of such a run and prints how long that takes.
 Status ReopenFleet(const std::string& folder);

@@ -71,18 +71,20 @@ void TcpProxy::Run() {
       connections_.clear();
     }
     looked.assign(1, {listener_, POLLIN, 0});
-    if (mode == Mode::kPass) {
+    const bool carries = mode == Mode::kPass || mode == Mode::kNoAnswers;
+    if (carries) {
       for (const auto& connection : connections_) {
         for (const Way* way : {&connection->there, &connection->back}) {
+          if (way == &connection->back && mode == Mode::kNoAnswers) continue;
           if (!way->ended && way->waiting_bytes < kMaxWaitingBytes) looked.push_back({way->from, POLLIN, 0});
         }
       }
     }
     ::poll(looked.data(), looked.size(), kLookMilliseconds);
     Accept();
-    if (mode != Mode::kPass) continue;
+    if (!carries) continue;
     std::erase_if(connections_, [&](const std::unique_ptr<Connection>& connection) {
-      const bool lives = Carry(connection->there) && Carry(connection->back);
+      const bool lives = Carry(connection->there) && (mode == Mode::kNoAnswers || Carry(connection->back));
       const bool ended = connection->there.told && connection->back.told;
       if (!lives || ended) Reset(*connection);
       return !lives || ended;

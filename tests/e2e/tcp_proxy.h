@@ -16,8 +16,9 @@ class TcpProxy {
  public:
   enum class Mode {
     kPass,
-    kStall,  // connections stay open and are accepted, but no data is forwarded: like an unplugged cable
-    kCut,    // connections, also new ones, are reset: like a dead peer
+    kStall,      // connections stay open and are accepted, but no data is forwarded: like an unplugged cable
+    kCut,        // connections, also new ones, are reset: like a dead peer
+    kNoAnswers,  // what the program sends is forwarded, what it would receive is not
   };
 
   // `target`: "127.0.0.1:PORT".
