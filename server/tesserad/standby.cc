@@ -49,7 +49,8 @@ Status CheckBlobs(const std::string& probe, const BlobStore& blobs) {
 
 // INVALID_ARGUMENT if one of the active coordinator's roots is in none of `roots`.
 Status CheckSceneRoots(const std::string& active, const std::vector<std::string>& roots) {
-  for (const std::string path : absl::StrSplit(active, '\n', absl::SkipEmpty())) {
+  const std::vector<std::string> paths = absl::StrSplit(active, '\n', absl::SkipEmpty());
+  for (const std::string& path : paths) {
     if (std::any_of(roots.begin(), roots.end(), [&](const std::string& root) { return IsUnder(path, root); })) continue;
     return InputError("--scene-root", "", roots.empty() ? "none" : absl::StrJoin(roots, ", "),
                       path + " as well, which the active coordinator has");
