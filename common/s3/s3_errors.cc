@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
+#include "absl/strings/strip.h"
 #include "absl/time/time.h"
 #include "common/base/printable.h"
 #include "common/base/refusal.h"
@@ -123,8 +124,9 @@ Status S3ErrorOf(const S3ErrorAnswer& error, int http_status, const HttpAnswer& 
   if (context.signed_url && refused && code == absl::StatusCode::kFailedPrecondition) {
     code = absl::StatusCode::kPermissionDenied;
   }
+  const absl::string_view message = absl::StripSuffix(error.message, ".");
   std::string text = absl::StrCat(error.code.empty() ? "" : error.code + " ", "(HTTP ", http_status, ")",
-                                  error.message.empty() ? "" : ": " + error.message);
+                                  message.empty() ? "" : ": ", message);
   if (const std::string advice = Advice(error, http_status, answer, context); !advice.empty()) {
     absl::StrAppend(&text, ": ", advice);
   }
