@@ -8,10 +8,12 @@
 
 namespace tessera {
 
-// Numbers of triangles. Tests use small ones.
+// Sizes of tiles. Tests use others.
 struct Tiles3dSizes {
   size_t leaf_faces = 60000;  // at most in a leaf
   size_t node_faces = 16000;  // to which tiles above the leaves are simplified, besides one for each border vertex
+  // By which each level above the sheets simplifies borders, as a part of a tile's side (tiles3d_border.h).
+  double border_tolerance = 1.0 / 4000;
 };
 
 // Writes result/X_Y/tileset.json with its GLB files, the same in start/ if the start is given, and kPartFile with the
@@ -22,7 +24,7 @@ StatusOr<std::vector<std::string>> WriteTiles3dSheet(const SheetInput& input, co
                                                      const TaskControl& control, const Tiles3dSizes& sizes);
 
 // Writes result/tileset.json, which places the sheets on the globe, and result/upper/ with the levels above the sheets;
-// the same in start/ if sheets have it. Holds four coarsest meshes in memory.
+// the same in start/ if sheets have it. Holds four coarsest meshes and the borders of their neighbours in memory.
 StatusOr<std::vector<std::string>> JoinTiles3d(const JoinInput& input, const std::string& folder,
                                                const TaskControl& control);
 StatusOr<std::vector<std::string>> JoinTiles3d(const JoinInput& input, const std::string& folder,

@@ -1,10 +1,12 @@
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "common/exporting/export_map.h"
 #include "common/exporting/tiles3d/tiles3d.h"
+#include "common/exporting/tiles3d/tiles3d_border.h"
 #include "common/exporting/tiles3d/tiles3d_glb.h"
 #include "common/exporting/tiles3d/tiles3d_part.h"
 #include "common/exporting/tiles3d/tiles3d_tileset.h"
@@ -16,20 +18,23 @@ namespace {
 // With more samples, the vertices of the level below take their place: memory and time stay bounded, and the error adds
 // up less often than at every level.
 constexpr size_t kTileSamples = 500000;
+// Of the file beside that of a tile's mesh, with its border before it is thinned.
+constexpr char kBorderEnding[] = ".border";
 
 // A tile of the level that is being merged, with the file of its mesh.
 struct UpperTile {
   SheetId id;  // in units of the level
   std::string part_path;
   Tiles3dTile tile;
+  bool is_new = false;  // of this level; else an only child, which has been written
 };
 
 // Joins one set: pairs of columns and rows of sheets, then of those, up to one root.
 class TileSetJoiner {
  public:
   TileSetJoiner(const JoinInput& input, std::string set, const std::string& folder, const std::string& scratch,
-                size_t node_faces)
-      : input_(input), set_(std::move(set)), folder_(folder), scratch_(scratch), node_faces_(node_faces) {}
+                const Tiles3dSizes& sizes)
+      : input_(input), set_(std::move(set)), folder_(folder), scratch_(scratch), sizes_(sizes) {}
 
   Status Join(const GlobeMap& globe, const TaskControl& control, std::vector<std::string>* files) {
     std::vector<UpperTile> tiles;
@@ -57,67 +62,94 @@ class TileSetJoiner {
     const bool last = std::all_of(tiles->begin(), tiles->end(), [](const UpperTile& t) {
       return t.id.x >= -1 && t.id.x <= 0 && t.id.y >= -1 && t.id.y <= 0;
     });
-    std::map<SheetId, std::vector<UpperTile>> parents;
+    std::map<SheetId, std::vector<UpperTile>> children;
     for (UpperTile& t : *tiles) {
-      const SheetId id = last ? SheetId{0, 0} : SheetId{t.id.x >> 1, t.id.y >> 1};
-      parents[id].push_back(std::move(t));
+      children[last ? SheetId{0, 0} : SheetId{t.id.x >> 1, t.id.y >> 1}].push_back(std::move(t));
     }
     tiles->clear();
-    for (auto& [id, children] : parents) {
+    for (auto& [id, tiles_of_parent] : children) {
       TESSERA_RETURN_IF_ERROR(control.Check());
-      if (children.size() == 1) {  // a parent would be the same tile again
-        tiles->push_back(std::move(children[0]));
-        tiles->back().id = id;
-        continue;
-      }
-      TESSERA_ASSIGN_OR_RETURN(UpperTile parent, Merge(level, id, std::move(children), files));
+      TESSERA_ASSIGN_OR_RETURN(UpperTile parent, Merge(level, id, std::move(tiles_of_parent)));
       tiles->push_back(std::move(parent));
+    }
+    for (UpperTile& parent : *tiles) {
+      TESSERA_RETURN_IF_ERROR(control.Check());
+      TESSERA_RETURN_IF_ERROR(Simplify(level, *tiles, &parent, files));
     }
     return absl::OkStatus();
   }
 
-  StatusOr<UpperTile> Merge(int level, const SheetId& id, std::vector<UpperTile> children,
-                            std::vector<std::string>* files) {
+  // Makes the parent with the merged mesh. An only child stays the tile: a parent would be the same again. Its mesh
+  // goes on all the same, because its borders must be those of the level.
+  StatusOr<UpperTile> Merge(int level, const SheetId& id, std::vector<UpperTile> children) const {
     const std::string name = absl::StrCat(level, "_", SheetName(id));
     UpperTile parent = {id, absl::StrCat(scratch_, "/", name), {}};
-    parent.tile.uri = absl::StrCat("upper/", name, ".glb");
     std::vector<Tiles3dMesh> meshes;
     Tiles3dPart part;
     part.set = set_;
-    for (UpperTile& child : children) {
+    for (const UpperTile& child : children) {
       TESSERA_ASSIGN_OR_RETURN(Tiles3dPart read, ReadTiles3dPart(child.part_path, set_));
       meshes.push_back(std::move(read.mesh));
       part.samples.insert(part.samples.end(), read.samples.begin(), read.samples.end());
       part.samples_error_m = std::max(part.samples_error_m, read.samples_error_m);
-      parent.tile.box.extend(child.tile.box);
+      part.error_m = std::max(part.error_m, read.error_m);
+      part.box.extend(read.box);
+    }
+    part.mesh = MergeTiles3d(meshes);
+    TESSERA_RETURN_IF_ERROR(WriteTiles3dParts(parent.part_path, {part}));
+    TESSERA_RETURN_IF_ERROR(WriteTiles3dBorder(parent.part_path + kBorderEnding, part.mesh));
+    if (children.size() == 1) {
+      parent.tile = std::move(children[0].tile);
+      return parent;
+    }
+    parent.is_new = true;
+    parent.tile.uri = absl::StrCat("upper/", name, ".glb");
+    parent.tile.box = part.box;
+    for (UpperTile& child : children) {
       parent.tile.error_m = std::max(parent.tile.error_m, child.tile.error_m);
       parent.tile.children.push_back(std::move(child.tile));
     }
-    part.mesh = MergeTiles3d(meshes);
+    return parent;
+  }
+
+  // Thins the border of the tile's mesh and simplifies it. `level_tiles`: all of the level, for their borders.
+  Status Simplify(int level, const std::vector<UpperTile>& level_tiles, UpperTile* tile,
+                  std::vector<std::string>* files) const {
+    TESSERA_ASSIGN_OR_RETURN(Tiles3dPart part, ReadTiles3dPart(tile->part_path, set_));
+    std::vector<Tiles3dEdge> borders;
+    for (const UpperTile& other : level_tiles) {
+      if (&other == tile || !other.tile.box.intersects(part.box)) continue;
+      TESSERA_ASSIGN_OR_RETURN(const std::vector<Tiles3dEdge> border,
+                               ReadTiles3dBorder(other.part_path + kBorderEnding));
+      borders.insert(borders.end(), border.begin(), border.end());
+    }
+    const double side_m = std::ldexp(kSheetCells * input_.scene.ground.cell_m, level);
+    const double tolerance_m = sizes_.border_tolerance * side_m;
     const Tiles3dVertices& vertices = part.mesh.vertices;
-    const Tiles3dFaces faces = SimplifyTiles3d(vertices, part.mesh.faces, node_faces_);
+    const Tiles3dFaces thinned = ThinTiles3dBorder(vertices, part.mesh.faces, borders, tolerance_m);
+    const Tiles3dFaces faces = SimplifyTiles3d(vertices, thinned, sizes_.node_faces);
     if (part.samples.size() > kTileSamples) {
       part.samples = vertices.positions;
-      part.samples_error_m = parent.tile.error_m;
+      part.samples_error_m = part.error_m;
     }
-    // The parent's error is larger, also where nothing was simplified.
-    parent.tile.error_m = std::max(part.samples_error_m + Tiles3dDistance(part.samples, vertices, faces),
-                                   parent.tile.error_m + kTiles3dGrid_m);
-    const bool photographic = input_.options.color == VertexColor::kImage && !vertices.colors.empty();
-    files->push_back(absl::StrCat(set_, "/", parent.tile.uri));
-    TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(folder_, "/", set_, "/upper")));
-    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(absl::StrCat(folder_, "/", files->back()),
-                                            MakeTiles3dGlb(vertices, faces, input_.scene.classes, photographic)));
+    part.error_m = part.samples_error_m + Tiles3dDistance(part.samples, vertices, faces);
+    if (tile->is_new) {
+      // The parent's error is larger, also where nothing was simplified.
+      tile->tile.error_m =
+          std::max({part.error_m, tile->tile.error_m + kTiles3dGrid_m, kTiles3dGapsInError * 2 * tolerance_m});
+      const bool photographic = input_.options.color == VertexColor::kImage && !vertices.colors.empty();
+      files->push_back(absl::StrCat(set_, "/", tile->tile.uri));
+      TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(folder_, "/", set_, "/upper")));
+      TESSERA_RETURN_IF_ERROR(WriteFileAtomic(absl::StrCat(folder_, "/", files->back()),
+                                              MakeTiles3dGlb(vertices, faces, input_.scene.classes, photographic)));
+    }
     part.mesh = CompactTiles3d(vertices, faces);
-    part.box = parent.tile.box;
-    part.error_m = parent.tile.error_m;
-    TESSERA_RETURN_IF_ERROR(WriteTiles3dParts(parent.part_path, {part}));
-    return parent;
+    return WriteTiles3dParts(tile->part_path, {part});
   }
 
   const JoinInput& input_;
   const std::string set_, folder_, scratch_;
-  const size_t node_faces_;
+  const Tiles3dSizes sizes_;
 };
 
 }  // namespace
@@ -132,10 +164,10 @@ StatusOr<std::vector<std::string>> JoinTiles3d(const JoinInput& input, const std
   TESSERA_ASSIGN_OR_RETURN(const GlobeMap globe, GlobeMap::Open(input.scene));
   TESSERA_ASSIGN_OR_RETURN(const TempFolder scratch, TempFolder::Create(folder, "scratch-"));
   std::vector<std::string> files;
-  TESSERA_RETURN_IF_ERROR(TileSetJoiner(input, "result", folder, scratch.path(), sizes.node_faces)
-                              .Join(globe, PartOf(control, 0, 0.5), &files));
-  TESSERA_RETURN_IF_ERROR(TileSetJoiner(input, "start", folder, scratch.path(), sizes.node_faces)
-                              .Join(globe, PartOf(control, 0.5, 1), &files));
+  TESSERA_RETURN_IF_ERROR(
+      TileSetJoiner(input, "result", folder, scratch.path(), sizes).Join(globe, PartOf(control, 0, 0.5), &files));
+  TESSERA_RETURN_IF_ERROR(
+      TileSetJoiner(input, "start", folder, scratch.path(), sizes).Join(globe, PartOf(control, 0.5, 1), &files));
   return files;
 }
 

@@ -91,6 +91,26 @@ StatusOr<Tiles3dPart> ReadTiles3dPart(const std::string& path, const std::string
   return part;
 }
 
+Status WriteTiles3dBorder(const std::string& path, const Tiles3dMesh& mesh) {
+  const std::vector<Eigen::Vector3d>& positions = mesh.vertices.positions;
+  std::vector<Eigen::Vector3d> ends;
+  for (const auto& [a, b] : Tiles3dBorderEdges(mesh.faces, positions.size())) {
+    ends.insert(ends.end(), {positions[a], positions[b]});
+  }
+  ArrayFile file;
+  file.arrays["ends"] = FlatTiles3d<double>(ends);
+  return WriteArrayFile(path, file);
+}
+
+StatusOr<std::vector<Tiles3dEdge>> ReadTiles3dBorder(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
+  TESSERA_ASSIGN_OR_RETURN(const auto ends, (TakeThrees<Eigen::Vector3d, double>(&file, "ends")));
+  if (ends.size() % 2 != 0) return absl::DataLossError(path + ": ends: expected pairs of positions");
+  std::vector<Tiles3dEdge> edges;
+  for (size_t i = 0; i < ends.size(); i += 2) edges.push_back({ends[i], ends[i + 1]});
+  return edges;
+}
+
 Tiles3dMesh MergeTiles3d(const std::vector<Tiles3dMesh>& meshes) {
   Tiles3dVertices all;
   Tiles3dFaces faces;

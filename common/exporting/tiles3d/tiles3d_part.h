@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/exporting/tiles3d/tiles3d_border.h"
 #include "common/exporting/tiles3d/tiles3d_mesh.h"
 
 namespace tessera {
@@ -24,6 +25,10 @@ struct Tiles3dPart {
 Status WriteTiles3dParts(const std::string& path, const std::vector<Tiles3dPart>& parts);
 // The part `set` of the file; without faces if the file has none. DATA_LOSS if the file is damaged.
 StatusOr<Tiles3dPart> ReadTiles3dPart(const std::string& path, const std::string& set);
+
+// The positions of the ends of the mesh's border edges.
+Status WriteTiles3dBorder(const std::string& path, const Tiles3dMesh& mesh);
+StatusOr<std::vector<Tiles3dEdge>> ReadTiles3dBorder(const std::string& path);
 
 // One mesh of several: vertices at equal positions on the borders become one.
 Tiles3dMesh MergeTiles3d(const std::vector<Tiles3dMesh>& meshes);
