@@ -115,7 +115,6 @@ Status TaskFiles::Link(const std::string& file, const std::string& link, bool is
 
 Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir,
                               const TaskControl& control) {
-  in_use_.clear();
   std::set<std::string> links, folders;
   Failure lost;
   for (const TaskInput& input : inputs) {

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "common/base/retry.h"
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/rpc/blob_client.h"
-#include "common/base/retry.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
 #include "worker/agent/blob_cache.h"
@@ -47,11 +47,12 @@ class TaskFiles {
 
   // The calls below return Failures (failure.h), or CANCELLED by `control`.
 
-  // Makes the link `input_dir`/NAME for every input; the folder must contain no files. kInput for names outside it;
+  // Makes the link `input_dir`/NAME for every input; there must be no such file. Inputs of a task may be brought in
+  // several calls. kInput for names outside it;
   // kLostInput with all inputs that the coordinator lacks or that are damaged; kScratch if there is no local space.
   Status BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir, const TaskControl& control);
 
-  // kLostInput with the inputs that changed since BringInputs: the outputs may be wrong. `read`: hash all inputs again
+  // kLostInput with the brought inputs that changed since: the outputs may be wrong. `read`: hash all inputs again
   // instead of comparing size and change time.
   Status CheckInputs(bool read);
 
