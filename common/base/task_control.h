@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "common/base/status.h"
 
@@ -23,6 +24,9 @@ struct TaskControl {
     return absl::OkStatus();
   }
 };
+
+// Makes files of a task's input folder readable, by their paths; files that are readable stay so. Empty: all are.
+using FetchFiles = std::function<Status(const std::vector<std::string>& paths)>;
 
 // A control for a part of the work: its progress 0 to 1 is reported to `control` as `low` to `high`. `control` must
 // outlive it.

@@ -14,11 +14,11 @@
 #include "common/base/parallel.h"
 #include "common/check/coverage.h"
 #include "common/check/fit_findings.h"
+#include "common/check/inspection.h"
 #include "common/check/tie_points.h"
 #include "common/colmap/colmap.h"
 #include "common/geometry/repair.h"
 #include "common/meshio/mesh_format.h"
-#include "common/scene/photographs.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/skip_images.h"
 
@@ -26,7 +26,6 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kMaxSampledFaces = 200000;
-constexpr int64_t kComparedViews = 64;  // with the mesh's labels; at most about twice as many
 
 std::string CrsText(const Crs& crs) {
   constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
@@ -50,18 +49,19 @@ std::string CrsText(const Crs& crs) {
 
 class SceneChecker {
  public:
-  SceneChecker(const SceneLoadOptions& load, int64_t max_mesh_faces, Warnings* warnings, Faults* faults,
-               const TaskControl& control, SceneDescription* scene)
+  SceneChecker(const SceneLoadOptions& load, int64_t max_mesh_faces, const InspectedFiles& files, Warnings* warnings,
+               Faults* faults, const TaskControl& control, SceneDescription* scene)
       : load_(load),
         scene_(*scene),
         max_mesh_faces_(max_mesh_faces),
+        files_(files),
         warnings_(*warnings),
         faults_(*faults),
         control_(control) {}
 
   StatusOr<SceneSummary> Check() {
     has_up_ = !WarnOfUp(scene_, &warnings_);
-    CheckPixels();
+    TESSERA_RETURN_IF_ERROR(CheckPixels());
     Describe();
     if (WarnOfLikelihoodValues(scene_, digests_, &warnings_)) summary_.has_likelihoods = false;
     if (summary_.images == 1) {
@@ -101,8 +101,9 @@ class SceneChecker {
     for (const SceneClass& entry : scene_.classes) summary_.classes.push_back({entry.name, 0, 0});
   }
 
-  // Decodes each image and each likelihood file once. Removes the views of broken images that may be skipped.
-  void CheckPixels() {
+  // Decodes each image and each likelihood file that is not inspected, once. Removes the views of broken images that
+  // may be skipped.
+  Status CheckPixels() {
     const auto views = static_cast<int64_t>(scene_.views.size());
     const int classes = static_cast<int>(scene_.classes.size());
     std::vector<StatusOr<PixelContent>> contents(views, PixelContent());
@@ -111,15 +112,25 @@ class SceneChecker {
     std::mutex borders_mutex;
     std::atomic<int64_t> done = 0;
     digests_.resize(views);
-    const int64_t compared = std::max<int64_t>(1, views / kComparedViews);  // each n-th view
+    const auto compared = static_cast<int64_t>(ComparedStep(scene_.views.size()));
+    std::vector<const ViewInspection*> known(views);
+    std::vector<std::string> unknown;  // files
+    for (int64_t i = 0; i < views; ++i) {
+      const SceneView& view = scene_.views[i];
+      known[i] = files_.inspections.Find(view, classes, i % compared == 0);
+      if (known[i] == nullptr) unknown.insert(unknown.end(), {view.image_path, view.mask_path, view.likelihood_path});
+    }
+    TESSERA_RETURN_IF_ERROR(FetchInScene(scene_.folder, unknown, files_.fetch));
     ParallelForEach(views, 1, [&](int64_t i) {
       if (!control_.Check().ok()) return;
-      BorderCounts of_view(classes);
-      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view, &digests_[i], &broken[i]);
-      if (i % compared != 0) digests_[i].classes = LabelImage();
-      {
+      ViewInspection found = known[i] ? *known[i] : InspectView(scene_.folder, scene_.views[i], classes);
+      contents[i] = std::move(found.content);
+      broken[i] = std::move(found.broken);
+      if (i % compared != 0) found.digest.classes = LabelImage();
+      digests_[i] = std::move(found.digest);
+      if (digests_[i].is_read) {
         std::lock_guard lock(borders_mutex);
-        borders.Add(of_view);
+        borders.Add(found.borders);
       }
       const int64_t now = ++done;
       control_.Report(0.7 * static_cast<double>(now) / static_cast<double>(views),
@@ -140,6 +151,7 @@ class SceneChecker {
     }
     summary_.borders = borders.Trusts();
     WarnOfContents(scene_, summary_.contents, &warnings_);
+    return absl::OkStatus();
   }
 
   Status CheckMeshAndVisibility() {
@@ -196,8 +208,8 @@ class SceneChecker {
     control_.Report(0.85, "fit of images and mesh");
     TaskControl silent = control_;
     silent.report = {};
-    TESSERA_ASSIGN_OR_RETURN(JudgedFit judged,
-                             tessera::CheckFit(scene_, mesh, summary_.gsd_m, all_views_see, silent, &warnings_));
+    TESSERA_ASSIGN_OR_RETURN(JudgedFit judged, tessera::CheckFit(scene_, mesh, summary_.gsd_m, all_views_see, silent,
+                                                                 &warnings_, files_.fetch));
     AddFitFault(judged, load_.anyway, &faults_, &warnings_);
     summary_.fit = std::move(judged.fit);
     return judged.has_reading;
@@ -270,6 +282,7 @@ class SceneChecker {
   const SceneLoadOptions& load_;
   SceneDescription& scene_;
   const int64_t max_mesh_faces_;
+  const InspectedFiles& files_;
   Warnings& warnings_;
   Faults& faults_;
   const TaskControl& control_;
@@ -282,18 +295,19 @@ class SceneChecker {
 }  // namespace
 
 StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
-                                  Warnings* warnings, const TaskControl& control) {
+                                  Warnings* warnings, const TaskControl& control, const InspectedFiles& files) {
   Warnings unused;
   if (warnings == nullptr) warnings = &unused;
   Faults faults;
   CheckedScene checked;
-  checked.scene = LoadSceneCollecting(path, load, warnings, &faults);
+  SceneLoadOptions with_files = load;
+  files.inspections.AddTo(&with_files);
+  checked.scene = LoadSceneCollecting(path, with_files, warnings, &faults);
   if (checked.scene.files.empty()) return faults.ToStatus();  // no scene.json
-  TESSERA_RETURN_IF_ERROR(
-      ChooseWhiteLevels(std::vector<uint8_t>(checked.scene.views.size(), 1), control, &checked.scene, warnings));
-  FindLikelihoodForms(&checked.scene, warnings);
-  TESSERA_ASSIGN_OR_RETURN(checked.summary,
-                           SceneChecker(load, max_mesh_faces, warnings, &faults, control, &checked.scene).Check());
+  TESSERA_RETURN_IF_ERROR(CompletePixelForms(std::vector<uint8_t>(checked.scene.views.size(), 1), {}, files, control,
+                                             &checked.scene, warnings));
+  TESSERA_ASSIGN_OR_RETURN(
+      checked.summary, SceneChecker(load, max_mesh_faces, files, warnings, &faults, control, &checked.scene).Check());
   faults.Add(SkipAdvice(checked.scene));
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return checked;

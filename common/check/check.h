@@ -11,6 +11,7 @@
 #include "common/check/coverage.h"
 #include "common/check/fit.h"
 #include "common/check/fit_findings.h"
+#include "common/check/inspection.h"
 #include "common/check/label_findings.h"
 #include "common/check/pixel_content.h"
 #include "common/check/tie_points.h"
@@ -69,9 +70,10 @@ struct CheckedScene {
 // lists the errors, one per line, each with its file and location in it; continues with a partly readable scene. Adds
 // unusual but usable input to `warnings` (may be null). A mesh of more than `max_mesh_faces` triangles is not loaded;
 // the caller streams it. CANCELLED by `control`. Uses all threads; memory is bounded by the mesh plus one image with
-// its likelihoods per thread.
+// its likelihoods per thread. `files`: what is known of pixel files that need not be in the folder; the result does not
+// depend on it. Errors of its fetch.
 StatusOr<CheckedScene> CheckScene(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
-                                  Warnings* warnings, const TaskControl& control);
+                                  Warnings* warnings, const TaskControl& control, const InspectedFiles& files = {});
 
 // The summary of CheckScene, with a mesh of any size and default options.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);

@@ -272,11 +272,11 @@ SceneFit SumUpFit(const SceneDescription& scene, const std::vector<FitMatches>& 
 }
 
 StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const FitSurface& surface, const FitOptions& options,
-                              const TaskControl& control) {
+                              const TaskControl& control, const FetchFiles& fetch) {
   TESSERA_ASSIGN_OR_RETURN(const std::vector<FitPair> pairs,
                            FindFitPairs(scene, SpreadPoints(surface.mesh, FitPointsFor(scene)),
                                         RayCaster(*surface.occluders), surface.margin_m, options, control));
-  FitImages images(scene);
+  FitImages images(scene, fetch);
   std::vector<FitMatches> measured(pairs.size());
   std::vector<std::pair<float, TrialScores>> trials;
   TESSERA_RETURN_IF_ERROR(ForEachFitPair(pairs, &images, control, [&](size_t p) {

@@ -82,8 +82,9 @@ struct FitSurface {
 };
 
 // Reads the images of the chosen pairs. The result does not depend on the number of threads. Without a pair of images
-// that see the same surface, all.pairs is 0. Errors: those of reading images, and CANCELLED by `control`.
+// that see the same surface, all.pairs is 0. `fetch`: as InspectedFiles. Errors: those of reading and fetching images,
+// and CANCELLED by `control`.
 StatusOr<SceneFit> MeasureFit(const SceneDescription& scene, const FitSurface& surface, const FitOptions& options,
-                              const TaskControl& control);
+                              const TaskControl& control, const FetchFiles& fetch = {});
 
 }  // namespace tessera

@@ -128,11 +128,12 @@ std::string FitText(const SceneFit& fit) {
 }
 
 StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m, bool all_views_see,
-                             const TaskControl& control, Warnings* warnings) {
+                             const TaskControl& control, Warnings* warnings, const FetchFiles& fetch) {
   JudgedFit judged;
-  TESSERA_ASSIGN_OR_RETURN(judged.fit, MeasureFit(scene, surface, FitOptions(), control));
-  TESSERA_ASSIGN_OR_RETURN(const Reading reading, FindReading(scene, surface, judged.fit, gsd_m,
-                                                              SearchFor(judged.fit, gsd_m, all_views_see), control));
+  TESSERA_ASSIGN_OR_RETURN(judged.fit, MeasureFit(scene, surface, FitOptions(), control, fetch));
+  TESSERA_ASSIGN_OR_RETURN(
+      const Reading reading,
+      FindReading(scene, surface, judged.fit, gsd_m, SearchFor(judged.fit, gsd_m, all_views_see), control, fetch));
   judged.fault = JudgeFit(scene, judged.fit, reading, gsd_m, warnings);
   judged.has_reading = !reading.fault.empty();
   return judged;

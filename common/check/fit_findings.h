@@ -28,9 +28,9 @@ struct JudgedFit {
 };
 
 // MeasureFit, FindReading if needed, and JudgeFit. `gsd_m`: 0 if no camera sees the mesh. `all_views_see`: as
-// in SearchFor.
+// in SearchFor. `fetch`: as InspectedFiles.
 StatusOr<JudgedFit> CheckFit(const SceneDescription& scene, const FitSurface& surface, double gsd_m, bool all_views_see,
-                             const TaskControl& control, Warnings* warnings);
+                             const TaskControl& control, Warnings* warnings, const FetchFiles& fetch = {});
 
 // Adds the fault, if it is one, to `faults`, with the option that makes it a warning; `anyway`: to `warnings`.
 // `although`: what would be wrong then, such as "images, poses and mesh do not fit".

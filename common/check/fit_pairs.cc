@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
+#include "common/check/inspection.h"
 #include "common/scene/photographs.h"
 
 namespace tessera {
@@ -164,10 +165,20 @@ StatusOr<FitImages::Image> FitImages::Load(int view) const {
   return image;
 }
 
+Status FitImages::Fetch(const std::set<int>& views) const {
+  std::vector<std::string> files;
+  for (const int view : views) {
+    if (images_.contains(view)) continue;
+    files.insert(files.end(), {scene_.views[view].image_path, scene_.views[view].mask_path});
+  }
+  return FetchInScene(scene_.folder, files, fetch_);
+}
+
 Status FitImages::Require(const std::set<int>& views) {
   if (images_.size() + views.size() > kept_) {
     std::erase_if(images_, [&](const auto& each) { return !views.contains(each.first); });
   }
+  TESSERA_RETURN_IF_ERROR(Fetch(views));
   std::vector<int> missing;
   for (const int view : views) {
     if (!images_.contains(view)) missing.push_back(view);

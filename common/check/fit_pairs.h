@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "common/base/status.h"
@@ -38,11 +39,14 @@ StatusOr<std::vector<FitPair>> FindFitPairs(const SceneDescription& scene, const
 class FitImages {
  public:
   // Images are halved until they have at most `largest_pixels`. At most `kept` images stay beside those required last.
-  // `scene` must outlive the object.
-  explicit FitImages(const SceneDescription& scene, int64_t largest_pixels = 12'000'000, size_t kept = 0)
-      : scene_(scene), largest_pixels_(largest_pixels), kept_(kept) {}
+  // `scene` must outlive the object. `fetch`: as InspectedFiles.
+  explicit FitImages(const SceneDescription& scene, FetchFiles fetch = {}, int64_t largest_pixels = 12'000'000,
+                     size_t kept = 0)
+      : scene_(scene), fetch_(std::move(fetch)), largest_pixels_(largest_pixels), kept_(kept) {}
 
-  // Reads missing ones at once, on all threads.
+  // Makes their files readable.
+  Status Fetch(const std::set<int>& views) const;
+  // Reads missing ones at once, on all threads. Errors of reading and fetching.
   Status Require(const std::set<int>& views);
   // A required image with the camera that the view has in `scene`: that of the constructor, or one with other cameras.
   PatchView At(const SceneDescription& scene, int view) const;
@@ -56,6 +60,7 @@ class FitImages {
   StatusOr<Image> Load(int view) const;
 
   const SceneDescription& scene_;
+  const FetchFiles fetch_;
   const int64_t largest_pixels_;
   const size_t kept_;
   std::map<int, Image> images_;
@@ -76,6 +81,9 @@ struct FitMatches {
 template <class Measure>
 Status ForEachFitPair(const std::vector<FitPair>& pairs, FitImages* images, const TaskControl& control,
                       const Measure& measure) {
+  std::set<int> all;
+  for (const FitPair& pair : pairs) all.insert({pair.reference, pair.other});
+  TESSERA_RETURN_IF_ERROR(images->Fetch(all));
   for (size_t first = 0, last = 0; first < pairs.size(); first = last) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     std::set<int> views;

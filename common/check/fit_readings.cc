@@ -211,13 +211,13 @@ std::vector<Candidate> Candidates(const SceneDescription& scene) {
 // A mesh whose correlations are measured again and again.
 class Trials {
  public:
-  Trials(const SceneDescription& scene, const FitSurface& surface)
+  Trials(const SceneDescription& scene, const FitSurface& surface, const FetchFiles& fetch)
       : scene_(scene),
         caster_(*surface.occluders),
         margin_m_(surface.margin_m),
         points_(SpreadPoints(surface.mesh, FitPointsFor(scene))),
         inward_points_(points_),
-        images_(scene, kSmallImage, kKeptImages) {
+        images_(scene, fetch, kSmallImage, kKeptImages) {
     for (SurfacePoint& point : inward_points_) point.normal = -point.normal;
   }
 
@@ -340,8 +340,9 @@ double DeviationsBetter(const SceneFit& fit, const SceneFit& than) {
 }  // namespace
 
 StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
-                              double gsd_m, const ReadingSearch& search, const TaskControl& control) {
-  Trials trials(scene, surface);
+                              double gsd_m, const ReadingSearch& search, const TaskControl& control,
+                              const FetchFiles& fetch) {
+  Trials trials(scene, surface, fetch);
   Reading best;
   best.above_chance = fit.all.above_chance;
   TESSERA_ASSIGN_OR_RETURN(const SceneFit as_is, trials.Fit(scene, false, control));
@@ -364,7 +365,7 @@ StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& s
       if (Matching(found) <= Matching(best_fit) || DeviationsBetter(found, as_is) < least_deviations) continue;
       double above_chance = found.all.above_chance;
       if (!search.all) {
-        TESSERA_ASSIGN_OR_RETURN(const SceneFit measured, MeasureFit(corrected, surface, FitOptions(), control));
+        TESSERA_ASSIGN_OR_RETURN(const SceneFit measured, MeasureFit(corrected, surface, FitOptions(), control, fetch));
         if (DeviationsBetter(measured, fit) < kSignificantDeviations) continue;
         above_chance = measured.all.above_chance;
       }

@@ -30,8 +30,10 @@ struct ReadingSearch {
 // or with quaternions in another order, a principal point that is missing, focal lengths that are up to 3 % wrong,
 // photographs that are turned. `gsd_m` may be 0 if no camera sees the mesh. A mesh that is turned about the vertical,
 // or mirrored, is looked for in a scene that fits, too: flat ground matches under all these maps. For all mistakes, it
-// costs about as much as a MeasureFit of each image of a large scene, else less than one MeasureFit.
+// costs about as much as a MeasureFit of each image of a large scene, else less than one MeasureFit. `fetch`: as
+// InspectedFiles.
 StatusOr<Reading> FindReading(const SceneDescription& scene, const FitSurface& surface, const SceneFit& fit,
-                              double gsd_m, const ReadingSearch& search, const TaskControl& control);
+                              double gsd_m, const ReadingSearch& search, const TaskControl& control,
+                              const FetchFiles& fetch = {});
 
 }  // namespace tessera

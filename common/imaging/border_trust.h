@@ -52,6 +52,7 @@ class BorderCounts {
   void Add(const FloatImage& luminance, const FloatImage& likelihoods);
   void Add(const BorderCounts& other);
 
+  int classes() const { return classes_; }
   BorderTrusts Trusts() const;
 
   // Conversion to and from a flat list, pair by pair. INVALID_ARGUMENT if `counts` has a wrong length or negative

@@ -20,17 +20,6 @@ namespace {
 constexpr double kMostUnlabelled = 0.05;
 constexpr size_t kMaxColors = 1000;  // of a file; pictures have more
 
-enum class LabelKind { kNoLabels, kIds, kPalette, kColors };
-
-// What a label file holds.
-struct LabelContent {
-  LabelKind kind = LabelKind::kNoLabels;
-  bool has_class_colors = false;  // all colours are those of classes or black, at least one is a class's
-  bool has_ids = false;           // all values can be ids
-  int64_t highest_id = -1;        // without 255
-  int64_t zeros = 0, pixels = 0;  // pixels with id 0, and with any id
-};
-
 StatusOr<StoredLabels> ReadStoredLabels(const std::string& path, int classes) {
   TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> head, ReadFileStart(path, 1 << 16));
   const auto starts_with = [&](const char* text, size_t size) {
@@ -53,7 +42,9 @@ StatusOr<StoredLabels> ReadStoredLabels(const std::string& path, int classes) {
 LabelContent ContentOf(const StoredLabels& labels, const std::set<uint32_t>& class_colors) {
   LabelContent content;
   if (labels.values.empty()) return content;
-  content.kind = labels.is_color ? LabelKind::kColors : labels.palette.empty() ? LabelKind::kIds : LabelKind::kPalette;
+  content.kind = labels.is_color          ? LabelContent::Kind::kColors
+                 : labels.palette.empty() ? LabelContent::Kind::kIds
+                                          : LabelContent::Kind::kPalette;
   std::set<uint32_t> values;
   uint32_t last = StoredLabels::kNone;
   for (const uint32_t value : labels.values.data) {
@@ -77,24 +68,37 @@ LabelContent ContentOf(const StoredLabels& labels, const std::set<uint32_t>& cla
   return content;
 }
 
+std::set<uint32_t> ColorValues(const std::vector<std::array<uint8_t, 3>>& colors) {
+  std::set<uint32_t> values;
+  for (const auto& color : colors) values.insert(ColorValue(color));
+  return values;
+}
+
 }  // namespace
+
+LabelContent ReadLabelContent(const std::string& path, const std::vector<std::array<uint8_t, 3>>& colors) {
+  const StatusOr<StoredLabels> labels = ReadStoredLabels(path, static_cast<int>(colors.size()));
+  return labels.ok() ? ContentOf(*labels, ColorValues(colors)) : LabelContent();
+}
 
 LikelihoodForm FindLikelihoodForm(const std::vector<std::string>& paths,
                                   const std::vector<std::array<uint8_t, 3>>& colors, const LikelihoodForm& given,
                                   Warnings* warnings) {
-  const int classes = static_cast<int>(colors.size());
-  std::set<uint32_t> class_colors;
-  for (const auto& color : colors) class_colors.insert(ColorValue(color));
-  const bool are_distinct = class_colors.size() == colors.size();
   std::vector<LabelContent> contents(paths.size());
-  ParallelForEach(static_cast<int64_t>(paths.size()), 1, [&](int64_t i) {
-    const StatusOr<StoredLabels> labels = ReadStoredLabels(paths[i], classes);
-    if (labels.ok()) contents[i] = ContentOf(*labels, class_colors);
-  });
+  ParallelForEach(static_cast<int64_t>(paths.size()), 1,
+                  [&](int64_t i) { contents[i] = ReadLabelContent(paths[i], colors); });
+  return CompleteLikelihoodForm(paths, contents, colors, given, warnings);
+}
+
+LikelihoodForm CompleteLikelihoodForm(const std::vector<std::string>& paths, const std::vector<LabelContent>& contents,
+                                      const std::vector<std::array<uint8_t, 3>>& colors, const LikelihoodForm& given,
+                                      Warnings* warnings) {
+  const int classes = static_cast<int>(colors.size());
+  const bool are_distinct = ColorValues(colors).size() == colors.size();
   LikelihoodForm form = given;
   const auto warn = [&](const std::string& text) { warnings->push_back(text); };
   const auto is_colored = [](const LabelContent& content) {
-    return content.kind == LabelKind::kColors || content.kind == LabelKind::kPalette;
+    return content.kind == LabelContent::Kind::kColors || content.kind == LabelContent::Kind::kPalette;
   };
   // Colours decide if those of all files are classes', or if they cannot be ids.
   const int64_t colored = std::count_if(contents.begin(), contents.end(), is_colored);
@@ -116,7 +120,7 @@ LikelihoodForm FindLikelihoodForm(const std::vector<std::string>& paths,
   }
   LabelContent all;
   const auto has_ids = [&](const LabelContent& content) {
-    return content.kind != LabelKind::kNoLabels && (form.colors.empty() || !is_colored(content));
+    return content.kind != LabelContent::Kind::kNoLabels && (form.colors.empty() || !is_colored(content));
   };
   for (const LabelContent& content : contents) {
     if (!has_ids(content)) continue;

@@ -1,7 +1,7 @@
 // The ground plane with its grid of cells, in which tiles are planned.
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 

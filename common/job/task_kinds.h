@@ -11,6 +11,7 @@
 namespace tessera {
 
 // Names of kinds. They are part of task keys, records, metrics and job.json: never change one.
+inline constexpr char kInspectKind[] = "inspect";
 inline constexpr char kIngestKind[] = "ingest";
 inline constexpr char kUpdateKind[] = "update";
 inline constexpr char kBaseKind[] = "base";
@@ -31,7 +32,7 @@ inline constexpr char kExportKind[] = "export";
 
 // The tasks of a job are planned in phases. Each phase is planned from the outputs of the phase before.
 enum class TaskPhase : uint8_t {
-  kSurvey,  // makes kSurveyFile
+  kSurvey,  // its last task makes kSurveyFile
   kCut,     // makes kReadsFile: which tiles read each other
   kRest,
 };
@@ -44,7 +45,9 @@ struct TaskKind {
   bool makes_artifacts = false;  // its outputs are the job's results
 };
 
-inline constexpr std::array<TaskKind, 17> kTaskKinds = {{
+inline constexpr std::array<TaskKind, 18> kTaskKinds = {{
+    // Some images, with their masks and likelihoods: hashes, border counts, faults.
+    {kInspectKind, TaskPhase::kSurvey},
     // Scene: repaired and split mesh, survey.
     {kIngestKind, TaskPhase::kSurvey},
     // Survey of the base job and a new scene: the survey with the new views.

@@ -4,8 +4,10 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_cat.h"
 #include "common/base/json_bounds.h"
 #include "common/job/exact_numbers.h"
+#include "common/scene/image_files.h"
 
 namespace tessera {
 namespace {
@@ -64,6 +66,10 @@ std::string ViewBordersName(int32_t view) {
   return image.substr(0, image.rfind('.')) + ".borders";
 }
 
+bool IsFetchedOnDemand(const std::string& name) {
+  return name.starts_with(absl::StrCat(kSceneFolder, "/")) && IsPixelFile(name);
+}
+
 // The conversions that the JSON library finds by the type of their argument.
 
 static void to_json(json& j, const CellRect& rect) { j = {rect.x0, rect.y0, rect.x1, rect.y1}; }
@@ -72,6 +78,12 @@ static void from_json(const json& j, CellRect& rect) { rect = {j.at(0), j.at(1),
 static void to_json(json& j, const TileParameters& t) { j = {{"tile", t.tile}, {"core", t.core}}; }
 static void from_json(const json& j, TileParameters& t) { t = {j.at("tile"), j.at("core").get<CellRect>()}; }
 
+static void to_json(json& j, const InspectParameters& p) {
+  j = json::object();
+  if (p.classify) j["classify"] = true;
+}
+static void from_json(const json& j, InspectParameters& p) { p.classify = j.value("classify", false); }
+
 static void to_json(json& j, const IngestParameters& p) {
   j = json::object();
   if (p.partners) j["partners"] = *p.partners;
@@ -79,6 +91,7 @@ static void to_json(json& j, const IngestParameters& p) {
   if (p.classify) j["classify"] = p.by_default_rule ? "default" : "model";
   if (p.skip_images > 0) j["skip_images"] = p.skip_images;
   if (p.anyway) j["anyway"] = true;
+  if (p.inspections > 0) j["inspections"] = p.inspections;
 }
 static void from_json(const json& j, IngestParameters& p) {
   if (j.contains("partners")) p.partners = j.at("partners").get<int>();
@@ -87,6 +100,7 @@ static void from_json(const json& j, IngestParameters& p) {
   p.by_default_rule = p.classify && j.at("classify").get<std::string>() == "default";
   p.skip_images = j.value("skip_images", 0.0);
   p.anyway = j.value("anyway", false);
+  if (j.contains("inspections")) p.inspections = j.at("inspections").get<int>();
 }
 
 static void to_json(json& j, const UpdateParameters& p) {
@@ -239,6 +253,7 @@ std::string ChangeBlockFile(const CellRect& cells) {
   return "changes/" + std::to_string(cells.x0) + "_" + std::to_string(cells.y0) + ".arrays";
 }
 
+std::string ToJson(const InspectParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const IngestParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const UpdateParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const UpdateFiles& parameters) { return json(parameters).dump(); }
@@ -253,6 +268,7 @@ std::string ToJson(const CompareParameters& parameters) { return json(parameters
 std::string ToJson(const ChangesParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const PublishParameters& parameters) { return json(parameters).dump(); }
 
+StatusOr<InspectParameters> ParseInspectParameters(const std::string& text) { return Parse<InspectParameters>(text); }
 StatusOr<IngestParameters> ParseIngestParameters(const std::string& text) { return Parse<IngestParameters>(text); }
 StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& text) { return Parse<UpdateParameters>(text); }
 StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& text) { return Parse<UpdateFiles>(text); }

@@ -16,6 +16,7 @@
 namespace tessera {
 
 // Names of the files that tasks write and read. The comment names the task that writes the file.
+inline constexpr char kInspectionFile[] = "inspection.json";   // inspect: what some images hold (common/check)
 inline constexpr char kCityFile[] = "city.arrays";             // ingest: the repaired and split mesh
 inline constexpr char kSurveyFile[] = "survey.json";           // ingest
 inline constexpr char kPlainSurveyFile[] = "plain.json";       // ingest: the survey without names, which tasks read
@@ -57,6 +58,15 @@ struct TileParameters {
 // Name of a tile's file among the inputs of a task that reads several tiles: "0003/state.arrays".
 std::string TileInputName(int tile, const std::string& file);
 
+// Whether a worker fetches a file of the scene, the input `name` of a task, when the task asks for it
+// (TaskRequest::fetch): a pixel file of a task that reads inspections.
+bool IsFetchedOnDemand(const std::string& name);
+
+// Parameters of inspect, which inspects the pixel files among its inputs.
+struct InspectParameters {
+  bool classify = false;  // as in IngestParameters
+};
+
 // Parameters of ingest. Only settings that differ from the default are set, so that methods share one ingest task.
 struct IngestParameters {
   // Unset: the defaults.
@@ -66,6 +76,9 @@ struct IngestParameters {
   bool by_default_rule = false;            // with the default rule instead of kClassifierFile
   double skip_images = 0;                  // as in SceneLoadOptions
   bool anyway = false;
+  // Number of inspections of the scene's pixel files among the inputs: TileInputName(i, kInspectionFile) from i = 0.
+  // 0: the task inspects the files itself.
+  int inspections = 0;
 };
 
 // Parameters of update, which extends the survey of the base job by new images.
@@ -181,6 +194,7 @@ struct PublishParameters {
   bool flip_edges = false;            // flip edges where that makes creases straight
 };
 
+std::string ToJson(const InspectParameters& parameters);
 std::string ToJson(const IngestParameters& parameters);
 std::string ToJson(const UpdateParameters& parameters);
 std::string ToJson(const UpdateFiles& files);
@@ -195,6 +209,7 @@ std::string ToJson(const ChangesParameters& parameters);
 std::string ToJson(const PublishParameters& parameters);
 
 // INVALID_ARGUMENT if `json` lacks a parameter or has one of a wrong type.
+StatusOr<InspectParameters> ParseInspectParameters(const std::string& json);
 StatusOr<IngestParameters> ParseIngestParameters(const std::string& json);
 StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& json);
 StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& json);

@@ -132,11 +132,13 @@ Status HashParts(int fd, const std::string& path, int64_t size_bytes, int64_t pa
       whole.Update(bytes);
       at += static_cast<int64_t>(bytes.size());
     }
-    const int number = static_cast<int>(begin / part_bytes) + 1;
-    if (!queue->Push(
-            {number, {.bytes = {}, .fd = fd, .offset_bytes = begin, .size_bytes = end - begin}, hasher.Finish()})) {
-      return absl::OkStatus();  // the queue has the error
-    }
+    FilePart part;
+    part.number = static_cast<int>(begin / part_bytes) + 1;
+    part.body.fd = fd;
+    part.body.offset_bytes = begin;
+    part.body.size_bytes = end - begin;
+    part.sha256 = hasher.Finish();
+    if (!queue->Push(std::move(part))) return absl::OkStatus();  // the queue has the error
   }
   if (whole.Finish() != sha256) return absl::DataLossError(path + " does not hash to its SHA-256");
   return absl::OkStatus();

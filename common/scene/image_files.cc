@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <string_view>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
@@ -16,7 +17,19 @@ namespace {
 
 constexpr size_t kMaxNames = 20;
 
+constexpr std::string_view kPixelEndings[] = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".npy"};
+
 std::string WithoutFolders(const std::string& name) { return name.substr(name.rfind('/') + 1); }
+
+// Removes one of the endings from `lower`. False if it has none.
+bool RemovePixelEnding(std::string* lower) {
+  for (const std::string_view ending : kPixelEndings) {
+    if (!lower->ends_with(ending)) continue;
+    lower->resize(lower->size() - ending.size());
+    return true;
+  }
+  return false;
+}
 
 }  // namespace
 
@@ -25,6 +38,19 @@ std::string PlainImageName(const std::string& name) {
   std::vector<std::string> parts = absl::StrSplit(slashes, '/', absl::SkipEmpty());
   std::erase(parts, ".");
   return absl::StrCat(slashes.starts_with("/") ? "/" : "", absl::StrJoin(parts, "/"));
+}
+
+bool IsPixelFile(const std::string& path) {
+  std::string lower = absl::AsciiStrToLower(path);
+  return RemovePixelEnding(&lower);
+}
+
+std::string PixelStem(const std::string& path) {
+  std::string stem = absl::AsciiStrToLower(WithoutFolders(path));
+  while (RemovePixelEnding(&stem)) {
+    if (stem.ends_with(".mask")) stem.resize(stem.size() - 5);
+  }
+  return stem;
 }
 
 ImageFiles FindImageFiles(const std::vector<std::string>& names, const std::function<bool(const std::string&)>& exists,

@@ -20,6 +20,13 @@ struct ImageFiles {
 // The name with '/' between folders, without "." and empty parts: "./a\b.jpg" becomes "a/b.jpg".
 std::string PlainImageName(const std::string& name);
 
+// Whether a file of a scene is an image, a mask or likelihoods, by the usual endings of their names. A file with
+// another ending may be one, too.
+bool IsPixelFile(const std::string& path);
+// The last part of the path in lower case without these endings and ".mask". The files of one view have the same, if
+// they are named as usual.
+std::string PixelStem(const std::string& path);
+
 // The file of a name is that with exactly this name, else with the plain name, else the only file whose name differs
 // from the plain one in the case of ASCII letters. `exists`: whether the folder has a file of a name; thread-safe.
 // `list`: all files of the folder; called at most once, if a name has no file.

@@ -16,9 +16,7 @@ namespace {
 
 constexpr int kFullRange = 65535;
 
-std::string StemOf(const std::string& name) {
-  return std::filesystem::path(name).replace_extension().generic_string();
-}
+std::string StemOf(const std::string& name) { return std::filesystem::path(name).replace_extension().generic_string(); }
 
 // The smallest number of all bits set that is at least `highest`; kFullRange if that has more than 14 bits.
 int WhiteLevelOf(int highest) {
@@ -32,8 +30,8 @@ int WhiteLevelOf(int highest) {
 // for images of which a margin of a few pixels was cut.
 double FactorOf(const ImageSize& image, const PinholeCamera& camera) {
   const bool is_wide = camera.width >= camera.height;
-  const double factor = is_wide ? static_cast<double>(image.width) / camera.width
-                                : static_cast<double>(image.height) / camera.height;
+  const double factor =
+      is_wide ? static_cast<double>(image.width) / camera.width : static_cast<double>(image.height) / camera.height;
   return std::abs(factor - 1) > 0.02 && std::abs(image.width - factor * camera.width) <= 1 &&
                  std::abs(image.height - factor * camera.height) <= 1
              ? factor
@@ -161,7 +159,7 @@ std::vector<Status> FitLenses(const std::vector<std::optional<ImageHeader>>& hea
 }
 
 Status ChooseWhiteLevels(const std::vector<uint8_t>& is_read, const TaskControl& control, SceneDescription* scene,
-                         Warnings* warnings) {
+                         Warnings* warnings, const std::map<std::string, int>& known) {
   std::map<int, std::vector<size_t>> flights;
   for (size_t v = 0; v < scene->views.size(); ++v) flights[scene->views[v].flight].push_back(v);
   for (const auto& [flight, views] : flights) {
@@ -177,7 +175,10 @@ Status ChooseWhiteLevels(const std::vector<uint8_t>& is_read, const TaskControl&
       ParallelForEach(samples.size(), 1, [&](size_t i) {
         const SceneView& view = scene->views[views[first + i]];
         if (!is_read[views[first + i]] || view.image_path.empty()) return;
-        samples[i] = HighestSample(absl::StrCat(scene->folder, "/", view.image_path)).value_or(0);
+        const auto found = known.find(view.image_path);
+        samples[i] = found != known.end()
+                         ? found->second
+                         : HighestSample(absl::StrCat(scene->folder, "/", view.image_path)).value_or(0);
       });
       for (size_t i = 0; i < samples.size(); ++i) {
         if (samples[i] > 0) wide.push_back(views[first + i]);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -34,8 +35,9 @@ std::vector<Status> FitLenses(const std::vector<std::optional<ImageHeader>>& hea
 // Sets white_level of the views with 16-bit images: of each flight, the largest number of 8, 10, 11, 12 or 14 bits if
 // no image of the flight has a higher sample (HighestSample); 0 for all others. Decodes 16-bit images until one has a
 // higher sample. Warns of what it sets. `is_read`: per view; false: the image is not there, its white_level is kept,
-// and others of its flight get at least that. Images that cannot be read are left to the caller. CANCELLED.
+// and others of its flight get at least that. `known`: highest samples by image_path, of images that need not be
+// decoded. Images that cannot be read are left to the caller. CANCELLED.
 Status ChooseWhiteLevels(const std::vector<uint8_t>& is_read, const TaskControl& control, SceneDescription* scene,
-                         Warnings* warnings);
+                         Warnings* warnings, const std::map<std::string, int>& known = {});
 
 }  // namespace tessera

@@ -235,9 +235,11 @@ class SceneLoader {
   StatusOr<std::optional<ImageHeader>> ReadHeader(const std::string& inside, const std::string& what,
                                                   Status* broken = nullptr) const {
     if (options_.elsewhere.contains(inside)) {
-      const auto size = options_.sizes_elsewhere.find(inside);
-      if (size == options_.sizes_elsewhere.end()) return std::nullopt;
-      return ImageHeader{size->second};
+      const auto known = options_.headers_elsewhere.find(inside);
+      if (known == options_.headers_elsewhere.end()) return std::nullopt;
+      if (known->second.ok()) return *known->second;
+      if (broken != nullptr) *broken = known->second.status();
+      return known->second.status();
     }
     const std::string path = Full(inside);
     const StatusOr<AllowedFile> file = options_.allowed.Open(path);
@@ -257,7 +259,7 @@ class SceneLoader {
 
   void FindMasks() {
     const std::string folder = json_.masks.path;
-    if (json_.masks.given && !IsFolder(Full(folder))) {
+    if (json_.masks.given && !HasElsewhere(folder) && !IsFolder(Full(folder))) {
       return faults_.Add(InputError(Full(folder), "", "no such folder", "the masks that scene.json names"));
     }
     const StatusOr<std::vector<std::string>> files = ListScene(folder);
@@ -276,6 +278,12 @@ class SceneLoader {
       view.masked = true;
       scene_.files.push_back(path);
     }
+  }
+
+  // Whether files of the folder, relative to the scene's, are elsewhere.
+  bool HasElsewhere(const std::string& folder) const {
+    const auto first = options_.elsewhere.lower_bound(folder + "/");
+    return first != options_.elsewhere.end() && first->starts_with(folder + "/");
   }
 
   void WarnOfDefault() {

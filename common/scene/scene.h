@@ -14,6 +14,7 @@
 #include "common/geodesy/reference_system.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
+#include "common/imaging/image_header.h"
 #include "common/imaging/image_io.h"
 #include "common/imaging/likelihood_form.h"
 #include "common/storage/allowed_files.h"
@@ -113,15 +114,18 @@ std::vector<std::string> ViewStems(const SceneDescription& scene);
 
 // Completes the likelihood_form of all views by the content of the likelihood files (FindLikelihoodForm), which must
 // lie in the scene's folder. `known`: forms by likelihood_path of files that are not read. Others then get the same
-// form, if it is a special one and scene.json states none.
+// form, if it is a special one and scene.json states none. `contents`: by likelihood_path, of files that need not be
+// read.
 void FindLikelihoodForms(SceneDescription* scene, Warnings* warnings,
-                         const std::map<std::string, LikelihoodForm>& known = {});
+                         const std::map<std::string, LikelihoodForm>& known = {},
+                         const std::map<std::string, LabelContent>& contents = {});
 
-// The first three are for scenes of updates, which continue a base job.
+// The first four are for tasks that do not have all files, and for scenes of updates, which continue a base job.
 struct SceneLoadOptions {
-  // Paths of files that are stored elsewhere and already validated: they need not exist in the folder.
+  // Paths of files that are stored elsewhere and were already read: they need not exist in the folder.
   std::set<std::string> elsewhere = {};
-  std::map<std::string, ImageSize> sizes_elsewhere = {};  // of images among them, where known
+  // Of images and masks among them, where known; or why their headers cannot be read.
+  std::map<std::string, StatusOr<ImageHeader>> headers_elsewhere = {};
   bool needs_mesh = true;  // false: the mesh may be missing, because the scene extends that of the base job
   // The base job's frame; a scene with another crs is an error. None: a frame around the cameras.
   std::optional<Frame> frame = {};

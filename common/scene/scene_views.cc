@@ -4,6 +4,7 @@
 #include <set>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
 #include "common/scene/scene.h"
 
 namespace tessera {
@@ -28,11 +29,13 @@ std::vector<std::string> ClassNames(const SceneDescription& scene) {
 }
 
 void FindLikelihoodForms(SceneDescription* scene, Warnings* warnings,
-                         const std::map<std::string, LikelihoodForm>& known) {
-  std::vector<std::string> paths;
+                         const std::map<std::string, LikelihoodForm>& known,
+                         const std::map<std::string, LabelContent>& contents) {
+  std::vector<std::string> names, paths;
   LikelihoodForm given;
   for (const SceneView& view : scene->views) {
     if (view.likelihood_path.empty() || known.contains(view.likelihood_path)) continue;
+    names.push_back(view.likelihood_path);
     paths.push_back(absl::StrCat(scene->folder, "/", view.likelihood_path));
     given = view.likelihood_form;
   }
@@ -41,7 +44,12 @@ void FindLikelihoodForms(SceneDescription* scene, Warnings* warnings,
   }
   std::vector<std::array<uint8_t, 3>> colors;
   for (const SceneClass& c : scene->classes) colors.push_back(c.color_rgb);
-  const LikelihoodForm form = FindLikelihoodForm(paths, colors, given, warnings);
+  std::vector<LabelContent> of_paths(paths.size());
+  ParallelForEach(paths.size(), 1, [&](size_t i) {
+    const auto content = contents.find(names[i]);
+    of_paths[i] = content != contents.end() ? content->second : ReadLabelContent(paths[i], colors);
+  });
+  const LikelihoodForm form = CompleteLikelihoodForm(paths, of_paths, colors, given, warnings);
   for (SceneView& view : scene->views) {
     const auto found = known.find(view.likelihood_path);
     if (!view.likelihood_path.empty()) view.likelihood_form = found == known.end() ? form : found->second;

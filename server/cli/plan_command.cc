@@ -1,5 +1,6 @@
 // `tessera plan`: predicts tiles, memory, time and price of a job.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -7,6 +8,7 @@
 
 #include "common/base/machine_limits.h"
 #include "common/job/survey.h"
+#include "common/job/task_kinds.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
@@ -35,6 +37,12 @@ struct PlanFlags {
   PlanTerms terms;
 };
 
+const v1::Task* FindIngest(const v1::ListTasksResponse& tasks) {
+  const auto found = std::find_if(tasks.tasks().begin(), tasks.tasks().end(),
+                                  [](const v1::Task& task) { return task.kind() == kIngestKind; });
+  return found == tasks.tasks().end() ? nullptr : &*found;
+}
+
 StatusOr<std::string> FetchSurvey(Connection& connection, const v1::Task& ingest, const std::string& staging) {
   for (const v1::OutputFile& output : ingest.outputs()) {
     if (output.name() != kSurveyFile) continue;
@@ -52,15 +60,15 @@ Status ErrorOf(Connection& connection, const v1::Job& job) {
   return Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, job.error());
 }
 
-// Waits until the first task of the job (the survey) has ended.
+// Waits until the task of the job that makes the survey has ended.
 StatusOr<std::string> AwaitSurvey(Connection& connection, LocalCluster& cluster, const std::string& job,
                                   const std::string& staging, ProgressDisplay& display) {
   const Sleeper sleep = InterruptibleSleep(1);
   while (true) {
     v1::ListTasksResponse tasks;
     TESSERA_RETURN_IF_ERROR(connection.ListTasks(job, &tasks));
-    if (tasks.tasks_size() > 0 && tasks.tasks(0).state() == v1::TASK_STATE_SUCCEEDED) {
-      return FetchSurvey(connection, tasks.tasks(0), staging);
+    if (const v1::Task* ingest = FindIngest(tasks); ingest != nullptr && ingest->state() == v1::TASK_STATE_SUCCEEDED) {
+      return FetchSurvey(connection, *ingest, staging);
     }
     v1::WatchJobResponse update;
     TESSERA_RETURN_IF_ERROR(connection.GetJob(job, update.mutable_job()));
@@ -77,7 +85,7 @@ StatusOr<std::string> AwaitSurvey(Connection& connection, LocalCluster& cluster,
   }
 }
 
-// Submits the job and cancels it after its first task. A later run with the same state reuses that task.
+// Submits the job and cancels it when it has the survey. A later run with the same state reuses these tasks.
 StatusOr<std::string> ComputeSurvey(const PlanFlags& flags) {
   v1::CreateJobRequest request = MakeRequest(flags.job);
   TESSERA_RETURN_IF_ERROR(CheckSceneExists(request));

@@ -57,7 +57,9 @@ std::optional<PendingStep> NextStep(const Ledger& ledger) {
     if (!base.empty()) step.base = BaseOf(ledger, step.settings.update);
     for (int task = 0; task < step.tasks; ++task) {
       const TaskPhase phase = KindOf(job.tasks[task].plan.kind.str()).phase;
-      if (phase == TaskPhase::kSurvey) {
+      if (job.tasks[task].plan.kind == kInspectKind) {
+        ++step.inspections;
+      } else if (phase == TaskPhase::kSurvey) {
         step.survey = InputDigest(job, {TaskId(task), kSurveyFile});
         step.kind = PendingStep::Kind::kPlanTiles;
       } else if (phase == TaskPhase::kCut) {
@@ -91,15 +93,13 @@ StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environm
   Planner& planner = *environment.planner;
   std::vector<std::string> names;
   for (const NamedDigest& file : step.scene_files) names.push_back(file.name);
-  if (step.kind == PendingStep::Kind::kPlanIngest) {
-    TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, planner.Ingest(step.settings, names));
-    return std::vector<PlannedTask>{std::move(ingest)};
-  }
+  if (step.kind == PendingStep::Kind::kPlanIngest) return planner.Ingest(step.settings, names);
   std::optional<UpdateBase> base;
   if (step.base) {
     TESSERA_RETURN_IF_ERROR(step.base->status());
     base = **step.base;
     TESSERA_ASSIGN_OR_RETURN(base->survey_json, environment.blobs->Read(base->survey));
+    base->inspections = step.inspections;
   }
   if (step.kind == PendingStep::Kind::kPlanUpdate) return planner.Update(step.settings, step.scene_files, *base);
   TESSERA_RETURN_IF_ERROR(step.survey.status());

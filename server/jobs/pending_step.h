@@ -22,6 +22,7 @@ struct PendingStep {
   JobSettings settings;
   std::vector<NamedDigest> scene_files;
   std::optional<StatusOr<UpdateBase>> base;  // of an update
+  int inspections = 0;                       // inspect tasks
   StatusOr<Digest> survey = absl::UnknownError("not read");
   std::vector<std::pair<int, StatusOr<Digest>>> reads;  // kReadsFile of each cut tile
   int tiles = 0;                                        // highest tile with a planned cut, plus 1

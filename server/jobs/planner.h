@@ -13,7 +13,8 @@ namespace tessera {
 class Planner {
  public:
   virtual ~Planner() = default;
-  virtual StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
+  virtual StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings,
+                                                    const std::vector<std::string>& scene_files) {
     return PlanIngest(settings, scene_files);
   }
   virtual StatusOr<std::vector<PlannedTask>> Update(const JobSettings& settings,

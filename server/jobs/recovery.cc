@@ -235,6 +235,7 @@ Status Recovery::RestorePlanned(int index, const Digest& digest) {
     step.scene_files = job.scene_files;
     step.base = BaseOf(ledger_, step.settings.update);
     for (size_t task = 0; task < job.tasks.size(); ++task) {
+      step.inspections += job.tasks[task].plan.kind == kInspectKind;
       if (KindOf(job.tasks[task].plan.kind.str()).phase != TaskPhase::kSurvey) continue;
       step.survey = InputDigest(job, {TaskId(static_cast<int>(task)), kSurveyFile});
     }

@@ -14,7 +14,8 @@ MeasuredCosts MeasuredIn(const Ledger& ledger, const Job& last) {
   MeasuredCosts measured;
   for (const Job* job = &last; job != nullptr;) {
     for (const JobTask& task : job->tasks) {
-      const std::string& kind = task.plan.kind;
+      std::string kind = task.plan.kind;
+      if (kind == kInspectKind) kind = job->header.settings.update.base.empty() ? kIngestKind : kUpdateKind;
       if (task.state != TaskState::kSucceeded || task.reused) continue;
       if (kind == kUpdateKind || (kind == kIngestKind && job != &last)) continue;
       if (task.plan.scale == 0) continue;  // predicted by the model of an earlier release

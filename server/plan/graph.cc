@@ -32,10 +32,12 @@ class Graph {
                                 const std::vector<std::string>& scene_files, const UpdateBase* base) {
     Graph graph(settings);
     if (base == nullptr) {
-      TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, PlanIngest(settings, scene_files));
-      graph.city_from_ = graph.survey_from_ = graph.Add(std::move(ingest));
+      TESSERA_ASSIGN_OR_RETURN(std::vector<PlannedTask> survey, PlanIngest(settings, scene_files));
+      for (PlannedTask& task : survey) graph.city_from_ = graph.survey_from_ = graph.Add(std::move(task));
     } else {
-      graph.base_from_ = graph.city_from_ = graph.Add(PlannedTask());  // the two tasks of PlanUpdate
+      // The tasks of PlanUpdate.
+      graph.base_from_ = graph.city_from_ = graph.Add(PlannedTask());
+      for (int i = 0; i < base->inspections; ++i) graph.Add(PlannedTask());
       graph.survey_from_ = graph.Add(PlannedTask());
     }
     TESSERA_ASSIGN_OR_RETURN(graph.survey_, ParseSurvey(survey_json));

@@ -18,11 +18,12 @@ namespace tessera {
 // Each function returns the tasks of a phase, to be appended to the job's list. `scene_files`: all files of the scene,
 // relative, sorted; `survey`: content of kSurveyFile. Deterministic; thread-safe.
 
-// Phase 1: the first task of a job.
-StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
+// Phase 1: tasks that inspect the images, if there are many, and the task that makes the survey.
+StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
 
-// Phase 1 of an update: a given task with the outputs of its base, and the task that updates the survey. `scene_files`:
-// sorted by name. A rollback and an export have no further phases (PlanRollback, PlanExportOnly).
+// Phase 1 of an update: a given task with the outputs of its base, tasks that inspect the new images, if there are
+// many, and the task that updates the survey. `scene_files`: sorted by name. A rollback and an export have no further
+// phases (PlanRollback, PlanExportOnly).
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
                                               const UpdateBase& base);
 

@@ -7,6 +7,8 @@
 #include <utility>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "common/scene/image_files.h"
 #include "server/plan/export_tasks.h"
 #include "server/plan/graph.h"
 #include "server/plan/rollback.h"
@@ -16,25 +18,86 @@ namespace {
 
 // Predicted time of ingest per scene file; the cost model needs a survey, which does not exist yet.
 constexpr double kIngestSecondsPerFile = 0.1;
+// Files that an inspect task has at most, if no view has more. The tasks do not depend on the number of workers, so
+// that their results are found again.
+constexpr size_t kInspectedFiles = 16;
+constexpr size_t kFilesOfFit = 150;  // that ingest reads in any case, about
+
+// The files of the camera model that poses are read from, and scene.json.
+bool IsOfCameras(const std::string& name) {
+  const std::string base = name.substr(name.rfind('/') + 1);
+  return !base.starts_with("points3D") && (base.ends_with(".json") || base.ends_with(".txt") || base.ends_with(".bin"));
+}
 
 IngestParameters IngestParametersOf(const JobSettings& settings) {
-  return {settings.method_settings.partners, settings.method_settings.views_per_direction, Classifies(settings),
-          settings.classifier == kDefaultClassifier, settings.skip_images, settings.anyway};
+  return {settings.method_settings.partners,
+          settings.method_settings.views_per_direction,
+          Classifies(settings),
+          settings.classifier == kDefaultClassifier,
+          settings.skip_images,
+          settings.anyway};
+}
+
+// Adds tasks that inspect the pixel files among `files`, indices in `scene_files`, and makes `task`, which reads all of
+// these files, read their results. The files of a view go to one task if their names say so. Adds none where one task
+// would inspect all of them.
+void AddInspections(const JobSettings& settings, const std::vector<std::string>& scene_files,
+                    const std::vector<int>& files, std::vector<PlannedTask>* tasks, PlannedTask* task,
+                    IngestParameters* parameters) {
+  std::map<std::string, std::vector<int>> views;
+  std::vector<int> common;
+  size_t pixel_files = 0;
+  for (const int file : files) {
+    const std::string& name = scene_files[file];
+    if (!LiesInScene(name)) continue;
+    if (IsPixelFile(name)) {
+      views[PixelStem(name)].push_back(file);
+      ++pixel_files;
+    } else if (IsOfCameras(name)) {
+      common.push_back(file);
+    }
+  }
+  std::vector<std::vector<int>> parts;
+  for (const auto& [stem, of_view] : views) {
+    if (parts.empty() || parts.back().size() + of_view.size() > kInspectedFiles) parts.emplace_back();
+    parts.back().insert(parts.back().end(), of_view.begin(), of_view.end());
+  }
+  const auto seconds = [](size_t count) { return kIngestSecondsPerFile * static_cast<double>(count); };
+  task->cost = seconds(files.size());
+  if (parts.size() < 2) return;
+  task->cost = seconds(files.size() - pixel_files + std::min(pixel_files, kFilesOfFit));
+  for (std::vector<int>& part : parts) {
+    PlannedTask inspect;
+    inspect.kind = kInspectKind;
+    inspect.name = absl::StrCat(kInspectKind, " part ", parameters->inspections);
+    inspect.parameters = ToJson(InspectParameters{Classifies(settings)});
+    inspect.cost = seconds(part.size());
+    part.insert(part.end(), common.begin(), common.end());
+    std::sort(part.begin(), part.end());
+    inspect.scene_files.Edit() = std::move(part);
+    task->inputs.push_back(
+        {TaskId(static_cast<int>(tasks->size())), kInspectionFile, /*of_tile=*/parameters->inspections++});
+    tasks->push_back(std::move(inspect));
+  }
 }
 
 }  // namespace
 
-StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
+StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings,
+                                              const std::vector<std::string>& scene_files) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   if (scene_files.empty()) return absl::InvalidArgumentError("the scene has no files");
   PlannedTask task;
   task.kind = task.name = kIngestKind;
-  task.parameters = ToJson(IngestParametersOf(settings));
-  task.cost = kIngestSecondsPerFile * static_cast<double>(scene_files.size());
   std::vector<int>& files = task.scene_files.Edit();
   files.resize(scene_files.size());
   std::iota(files.begin(), files.end(), 0);
-  return task;
+  std::vector<PlannedTask> tasks;
+  IngestParameters parameters = IngestParametersOf(settings);
+  AddInspections(settings, scene_files, files, &tasks, &task, &parameters);
+  task.parameters = ToJson(parameters);
+  tasks.push_back(std::move(task));
+  return tasks;
 }
 
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
@@ -56,7 +119,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   std::map<std::string, std::string> content_of_path;  // of images and likelihoods of the base
   // Images with masks, and these: image_content depends on both files.
   std::set<std::string> read_again;
-  std::map<std::string, std::string> classified;       // of images, if the base computed likelihoods
+  std::map<std::string, std::string> classified;  // of images, if the base computed likelihoods
   for (const SceneView& view : survey.views) {
     if (!view.mask_path.empty()) {
       read_again.insert({view.image_path, view.mask_path});
@@ -88,8 +151,6 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   PlannedTask update;
   bool other_mesh = false;  // the scene may have a new mesh
   update.kind = update.name = kUpdateKind;
-  update.parameters =
-      ToJson(UpdateParameters{IngestParametersOf(settings), settings.update.withdraw, settings.update.all_epochs});
   for (size_t i = 0; i < scene_files.size(); ++i) {
     if (!LiesInScene(scene_files[i].name)) continue;
     const auto known = known_of_content.find(scene_files[i].digest.sha256);
@@ -111,8 +172,14 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   }
   taken.given_contents.Edit().emplace_back(kFilesFile, ToJson(files));
   update.inputs = {{TaskId(0), kBaseSurveyFile}, {TaskId(0), kCityFile}, {TaskId(0), kFilesFile}};
-  update.cost = kIngestSecondsPerFile * static_cast<double>(update.scene_files->size());
-  return std::vector<PlannedTask>{std::move(taken), std::move(update)};
+  std::vector<std::string> names;
+  for (const NamedDigest& file : scene_files) names.push_back(file.name);
+  std::vector<PlannedTask> tasks = {std::move(taken)};
+  UpdateParameters parameters = {IngestParametersOf(settings), settings.update.withdraw, settings.update.all_epochs};
+  AddInspections(settings, names, *update.scene_files, &tasks, &update, &parameters.ingest);
+  update.parameters = ToJson(parameters);
+  tasks.push_back(std::move(update));
+  return tasks;
 }
 
 }  // namespace tessera

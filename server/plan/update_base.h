@@ -26,8 +26,9 @@ struct UpdateBase {
   std::optional<Digest> borders;         // its kBordersFile, if it computed likelihoods
   bool flip_edges = false;               // it published flipped edges
   std::vector<NamedDigest> scene_files;  // sorted by name
-  // Summed over the base and its own bases; ingest: the base only.
+  // Summed over the base and its own bases; ingest (with inspect): the base only.
   MeasuredCosts measured;
+  int inspections = 0;  // inspect tasks of the update itself, once they are planned
 };
 
 // An update's list of scene files contains its own files and those of its base that its scene lacks. The latter stay in

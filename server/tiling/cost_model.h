@@ -82,7 +82,7 @@ Prediction PredictSolve(const TileWork& work, const RefineEffort& effort);
 Prediction PredictMend(const TileWork& work, const RefineEffort& effort);
 // The task that runs all steps of an untiled job.
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
-// Predictions for the tasks of the job.
+// Predictions for the tasks of the job; of ingest with the inspections of its images.
 Prediction PredictIngest(const Survey& survey);
 Prediction PredictPublish(const Survey& survey);
 // Classification of one view.

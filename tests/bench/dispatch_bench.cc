@@ -47,16 +47,18 @@ class BarePlanner : public Planner {
                                            const UpdateBase*, const std::vector<FailedTile>&) override {
     return Bare(PlanSteps(settings, survey, files, reads));
   }
-  StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& files) override {
-    TESSERA_ASSIGN_OR_RETURN(PlannedTask task, PlanIngest(settings, files));
-    task.scene_files.Clear();
-    return task;
+  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings,
+                                            const std::vector<std::string>& files) override {
+    return Bare(PlanIngest(settings, files));
   }
 
  private:
   static StatusOr<std::vector<PlannedTask>> Bare(StatusOr<std::vector<PlannedTask>> tasks) {
     if (tasks.ok()) {
-      for (PlannedTask& task : *tasks) task.view_files.Clear();
+      for (PlannedTask& task : *tasks) {
+        task.scene_files.Clear();
+        task.view_files.Clear();
+      }
     }
     return tasks;
   }
@@ -80,7 +82,9 @@ class FileWriter {
       if (!arguments_.empty) bytes.resize(static_cast<size_t>(mib * (1 << 20)), 'x');
       return bytes;
     };
-    if (request.kind == kIngestKind) {
+    if (request.kind == kInspectKind) {
+      TESSERA_RETURN_IF_ERROR(write(kInspectionFile, blob(0.02)));
+    } else if (request.kind == kIngestKind) {
       TESSERA_RETURN_IF_ERROR(write(kCityFile, blob(20)));
       TESSERA_RETURN_IF_ERROR(write(kSurveyFile, SurveyToJson(survey_)));
       TESSERA_RETURN_IF_ERROR(write(kPlainSurveyFile, ""));

@@ -15,6 +15,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/task_usage.h"
+#include "common/job/task_kinds.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
@@ -116,7 +117,9 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
     ReportedResult result;
     const std::string& kind = lease->plan.kind;
     const auto add = [&](const char* name, const Digest& digest) { result.outputs.push_back({name, digest}); };
-    if (kind == "ingest") {
+    if (kind == kInspectKind) {
+      add(kInspectionFile, nothing);
+    } else if (kind == "ingest") {
       add(kCityFile, nothing);
       add(kSurveyFile, survey);
       add(kPlainSurveyFile, nothing);

@@ -53,6 +53,8 @@ inline bool RunTaskParametersTarget(const std::string& bytes) {
       return check(ParseBordersParameters);
     case 'n':
       return check(ParseExportParameters);
+    case 'o':
+      return check(ParseInspectParameters);
     default:
       return false;
   }

@@ -69,11 +69,12 @@ class FakePlanner : public Planner {
  public:
   bool exchange = false;
 
-  StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) override {
+  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings,
+                                            const std::vector<std::string>& scene_files) override {
     if (settings.method != "tessera") return absl::InvalidArgumentError("no method " + settings.method);
     PlannedTask task{"ingest", "read the scene", -1, "{}", 1, {}};
     for (size_t i = 0; i < scene_files.size(); ++i) task.scene_files.Edit().push_back(static_cast<int>(i));
-    return task;
+    return std::vector<PlannedTask>{std::move(task)};
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>&, const UpdateBase*) override {

@@ -27,7 +27,10 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
   for (const PlannedInput& input : planned.inputs) {
     bring(fs::path(earlier.at(input.task.value()).output_dir) / input.output.str(), InputName(input));
   }
+  const bool has_inspections = std::any_of(planned.inputs.begin(), planned.inputs.end(),
+                                           [](const PlannedInput& input) { return input.output == kInspectionFile; });
   for (const int file : *planned.scene_files) {
+    if (has_inspections && IsFetchedOnDemand(std::string(kSceneFolder) + "/" + scene.files.at(file))) continue;
     bring(scene.files.at(file) == kClassifierFile ? fs::path(settings.classifier)
                                                   : fs::path(scene.folder) / scene.files[file],
           std::string(kSceneFolder) + "/" + scene.files[file]);
@@ -35,7 +38,15 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
   for (const PlannedTask::ViewFile& file : *planned.view_files) {
     bring(fs::path(scene.folder) / scene.files.at(file.file), ViewInputName(file));
   }
-  const TaskRequest request = {planned.kind, planned.parameters, input_dir, task.output_dir};
+  TaskRequest request = {planned.kind, planned.parameters, input_dir, task.output_dir};
+  request.fetch = [&](const std::vector<std::string>& paths) -> Status {
+    for (const std::string& path : paths) {
+      if (FileExists(path)) continue;
+      const std::string name = fs::path(path).lexically_relative(input_dir).generic_string();
+      bring(fs::path(scene.folder) / fs::path(name).lexically_relative(kSceneFolder), name);
+    }
+    return absl::OkStatus();
+  };
   TESSERA_ASSIGN_OR_RETURN(task.outcome, runner ? runner(request) : RunTask(request, TaskControl()));
   return task;
 }
@@ -61,9 +72,9 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
     }
     return absl::OkStatus();
   };
-  TESSERA_ASSIGN_OR_RETURN(const PlannedTask ingest, PlanIngest(settings, scene.files));
-  TESSERA_RETURN_IF_ERROR(run({ingest}));
-  TESSERA_ASSIGN_OR_RETURN(const std::string survey, ReadFile(tasks[0].output_dir + "/" + kSurveyFile));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> ingest, PlanIngest(settings, scene.files));
+  TESSERA_RETURN_IF_ERROR(run(ingest));
+  TESSERA_ASSIGN_OR_RETURN(const std::string survey, ReadFile(tasks.back().output_dir + "/" + kSurveyFile));
   TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> tiles, PlanTiles(settings, survey, scene.files));
   TESSERA_RETURN_IF_ERROR(run(tiles));
   const auto is_publish = [](const LineTask& task) { return task.planned.kind == kPublishKind; };

@@ -1,9 +1,11 @@
 #include "worker/agent/agent.h"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <filesystem>
+#include <map>
 #include <mutex>
 #include <new>
 #include <optional>
@@ -11,6 +13,7 @@
 
 #include "common/base/parallel.h"
 #include "common/base/refusal.h"
+#include "common/job/task_parameters.h"
 #include "common/log/log.h"
 #include "common/rpc/blob_client.h"
 #include "common/rpc/channel.h"
@@ -68,6 +71,38 @@ Status ClassifyFailure(const Status& status, TaskFiles& files, const TaskRequest
   }
   return AsStatus(FailureClass::kInternal, message);
 }
+
+// The inputs of a task that are fetched when it asks for them.
+class OnDemand {
+ public:
+  OnDemand(const std::vector<TaskInput>& inputs, const std::string& input_dir) {
+    const auto is_inspection = [](const TaskInput& input) { return input.name.ends_with(kInspectionFile); };
+    const bool has_inspections = std::any_of(inputs.begin(), inputs.end(), is_inspection);
+    for (const TaskInput& input : inputs) {
+      if (has_inspections && IsFetchedOnDemand(input.name)) {
+        later_.emplace(input_dir + "/" + input.name, input);
+      } else {
+        others_.push_back(input);
+      }
+    }
+  }
+
+  // Those that are fetched before the task runs.
+  std::vector<TaskInput> TakeOthers() { return std::move(others_); }
+  // Those at these paths that were not taken before.
+  std::vector<TaskInput> Take(const std::vector<std::string>& paths) {
+    std::vector<TaskInput> taken;
+    for (const std::string& path : paths) {
+      auto found = later_.extract(path);
+      if (found) taken.push_back(std::move(found.mapped()));
+    }
+    return taken;
+  }
+
+ private:
+  std::vector<TaskInput> others_;
+  std::map<std::string, TaskInput> later_;  // by path
+};
 
 // Whether the report was accepted or rejected for good. All other errors are transient.
 bool IsAnswered(const Status& report) {
@@ -285,11 +320,17 @@ class Agent::Impl {
     request.kind = lease.kind;
     request.parameters = lease.parameters;
     if (const Status made = MakeFolders(request); !made.ok()) return AsStatus(FailureClass::kScratch, MessageOf(made));
-    TESSERA_RETURN_IF_ERROR(files_.BringInputs(lease.inputs, request.input_dir, control));
+    OnDemand later(lease.inputs, request.input_dir);
+    TESSERA_RETURN_IF_ERROR(files_.BringInputs(later.TakeOthers(), request.input_dir, control));
+    request.fetch = [&](const std::vector<std::string>& paths) {
+      TaskControl silent;  // the task reports its progress
+      silent.cancelled = control.cancelled;
+      return files_.BringInputs(later.Take(paths), request.input_dir, silent);
+    };
     const StatusOr<TaskOutcome> outcome = RunGuarded(runner_, request, control);
     if (!outcome.ok()) return ClassifyFailure(outcome.status(), files_, request);
     TESSERA_RETURN_IF_ERROR(control.Check());
-    TESSERA_RETURN_IF_ERROR(files_.CheckInputs(/*read=*/false));
+    TESSERA_RETURN_IF_ERROR(files_.CheckInputs(/*read=*/outcome->found_faults));
     TESSERA_ASSIGN_OR_RETURN(report.outputs, files_.StoreOutputs(outcome->outputs, request.output_dir, control));
     report.stats = outcome->stats;
     report.warnings = outcome->warnings;
@@ -297,11 +338,13 @@ class Agent::Impl {
     return absl::OkStatus();
   }
 
-  // Folders for a task's files. Reused by the next task if empty, since creating them dominates the cost of short
-  // tasks.
+  // Folders for a task's files. Reused by the next task if empty and without a scene, since creating them dominates the
+  // cost of short tasks.
   Status MakeFolders(TaskRequest& request) {
     std::error_code error;
     if (folder_ && (!std::filesystem::is_empty(folder_->path() + "/out", error) || error)) folder_.reset();
+    // An empty folder of likelihoods or masks would be part of the next task's scene.
+    if (folder_ && std::filesystem::exists(folder_->path() + "/in/" + kSceneFolder, error)) folder_.reset();
     if (!folder_) {
       TESSERA_ASSIGN_OR_RETURN(folder_, TempFolder::Create(options_.work_dir + "/tasks", "task-"));
       for (const char* name : {"/in", "/out"}) TESSERA_RETURN_IF_ERROR(EnsureFolder(folder_->path() + name));

@@ -188,7 +188,6 @@ Status TaskFiles::Link(const std::string& file, const std::string& link, bool is
 
 Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir,
                               const TaskControl& control) {
-  in_use_.clear();
   std::vector<std::string> links;
   std::vector<int64_t> sizes;
   std::set<std::string> names, folders;

@@ -52,11 +52,12 @@ class TaskFiles {
   // The calls below return Failures (failure.h), or CANCELLED by `control`. Of several failures they return that of the
   // first file. `control` is called by one thread at a time.
 
-  // Makes the link `input_dir`/NAME for every input; the folder must contain no files. kInput for names outside it;
-  // kLostInput with all inputs that the coordinator lacks or that are damaged; kScratch if there is no local space.
+  // Makes the link `input_dir`/NAME for every input; there must be no such file. Inputs of a task may be brought in
+  // several calls. kInput for names outside it; kLostInput with all inputs that the coordinator lacks or that are
+  // damaged; kScratch if there is no local space.
   Status BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir, const TaskControl& control);
 
-  // kLostInput with the inputs that changed since BringInputs: the outputs may be wrong. `read`: hash all inputs again
+  // kLostInput with the brought inputs that changed since: the outputs may be wrong. `read`: hash all inputs again
   // instead of comparing size and change time.
   Status CheckInputs(bool read);
 

@@ -21,14 +21,26 @@ StatusOr<std::string> ClassifierContent(const TaskRequest& request, const Ingest
   return Xxh3Hex(bytes.data(), bytes.size());
 }
 
-Status FillClassifiedContents(const Survey& survey, const std::set<std::string>& known, const TaskControl& control,
-                              SceneDescription* scene) {
-  std::vector<Status> statuses(scene->views.size());
-  ParallelForEach(scene->views.size(), 1, [&](int64_t v) {
-    SceneView& view = scene->views[v];
-    if (!control.Check().ok() || known.contains(view.image_path)) return;
+Status FillClassifiedContents(const Survey& survey, const std::set<std::string>& known, const InspectedFiles& files,
+                              const TaskControl& control, SceneDescription* scene) {
+  std::vector<SceneView*> to_read;
+  std::vector<std::string> paths;
+  for (SceneView& view : scene->views) {
+    if (known.contains(view.image_path)) continue;
+    if (const std::string rgb = files.inspections.RgbOf(view); !rgb.empty()) {
+      view.likelihood_content = ClassifiedContent(survey, rgb);
+      continue;
+    }
+    to_read.push_back(&view);
+    paths.push_back(view.image_path);
+  }
+  TESSERA_RETURN_IF_ERROR(FetchInScene(scene->folder, paths, files.fetch));
+  std::vector<Status> statuses(to_read.size());
+  ParallelForEach(to_read.size(), 1, [&](int64_t i) {
+    SceneView& view = *to_read[i];
+    if (!control.Check().ok()) return;
     const auto rgb = ReadRgb(absl::StrCat(scene->folder, "/", view.image_path), view.white_level);
-    statuses[v] = rgb.status();
+    statuses[i] = rgb.status();
     if (rgb.ok()) view.likelihood_content = ClassifiedContent(survey, Xxh3Hex(rgb->data.data(), rgb->data.size()));
   });
   Faults faults;

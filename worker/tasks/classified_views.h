@@ -6,6 +6,7 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
+#include "common/check/inspection.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
@@ -18,9 +19,10 @@ namespace tessera {
 StatusOr<std::string> ClassifierContent(const TaskRequest& request, const IngestParameters& parameters, double gsd_m,
                                         Warnings* warnings);
 
-// Sets likelihood_content of the views from the classifier and the colours of their images, which are read. Views
-// whose image_path is in `known` keep theirs. Read errors, one per line, or CANCELLED.
-Status FillClassifiedContents(const Survey& survey, const std::set<std::string>& known, const TaskControl& control,
-                              SceneDescription* scene);
+// Sets likelihood_content of the views from the classifier and the colours of their images, which are read unless they
+// are inspected. Views whose image_path is in `known` keep theirs. Read errors, one per line, CANCELLED, or errors of
+// fetching.
+Status FillClassifiedContents(const Survey& survey, const std::set<std::string>& known, const InspectedFiles& files,
+                              const TaskControl& control, SceneDescription* scene);
 
 }  // namespace tessera

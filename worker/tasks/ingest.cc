@@ -79,8 +79,8 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
 
 // Reports what CheckScene would report of a mesh, for meshes that it leaves to ingest. `fit` receives the fit.
 Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const MeshDefects& defects, double gsd_m,
-                      const std::string& scratch_folder, bool anyway, const TaskControl& control, Warnings* warnings,
-                      std::string* fit) {
+                      const std::string& scratch_folder, bool anyway, const FetchFiles& fetch,
+                      const TaskControl& control, Warnings* warnings, std::string* fit) {
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   WarnOfDefects(defects, warnings);
   const int64_t unlabelled = std::count(mesh.labels.values().begin(), mesh.labels.values().end(), -1);
@@ -93,7 +93,7 @@ Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const
     TaskControl silent = control;
     silent.report = {};
     TESSERA_ASSIGN_OR_RETURN(const JudgedFit judged, CheckFit(scene, {mesh.spans(), coarse.mesh, coarse.error_m}, gsd_m,
-                                                              AllViewsSee(coverage), silent, warnings));
+                                                              AllViewsSee(coverage), silent, warnings, fetch));
     AddFitFault(judged, anyway, &faults, warnings);
     *fit = FitTableToJson(MakeFitTable(scene, judged.fit, nullptr), kReportedImages);
     if (judged.has_reading) return faults.ToStatus();
@@ -103,6 +103,30 @@ Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const
 }
 
 }  // namespace
+
+StatusOr<TaskOutcome> RunInspect(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
+  const int64_t start_us = clock.MonotonicUs();
+  TESSERA_ASSIGN_OR_RETURN(const InspectParameters parameters, ParseInspectParameters(request.parameters));
+  SceneLoadOptions load;
+  load.to_be_classified = parameters.classify;
+  TESSERA_ASSIGN_OR_RETURN(const PartInspection found, InspectPart(InputPath(request, kSceneFolder), load, control));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kInspectionFile), found.json));
+  TaskOutcome outcome;
+  outcome.outputs = {kInspectionFile};
+  outcome.stats = nlohmann::json{{"faults", found.has_faults}, {"seconds", SecondsSince(clock, start_us)}}.dump();
+  outcome.found_faults = found.has_faults;
+  return outcome;
+}
+
+StatusOr<InspectedFiles> ReadInspections(const TaskRequest& request, const IngestParameters& parameters) {
+  InspectedFiles files;
+  files.fetch = request.fetch;
+  for (int i = 0; i < parameters.inspections; ++i) {
+    TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadFile(InputPath(request, TileInputName(i, kInspectionFile))));
+    TESSERA_RETURN_IF_ERROR(files.inspections.Add(json, InputPath(request, kSceneFolder)));
+  }
+  return files;
+}
 
 StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
@@ -116,9 +140,10 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   load.by_default_rule = parameters.by_default_rule;
   load.skip_images = parameters.skip_images;
   load.anyway = parameters.anyway;
+  TESSERA_ASSIGN_OR_RETURN(const InspectedFiles files, ReadInspections(request, parameters));
   // Reports all errors at once.
   TESSERA_ASSIGN_OR_RETURN(CheckedScene checked, CheckScene(InputPath(request, kSceneFolder), load, kMaxFacesInMemory,
-                                                            &outcome.warnings, PartOf(control, 0, 0.3)));
+                                                            &outcome.warnings, PartOf(control, 0, 0.3), files));
   SceneDescription& scene = checked.scene;
   const SceneSummary& summary = checked.summary;
   for (size_t v = 0; v < scene.views.size(); ++v) {
@@ -152,12 +177,12 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   if (parameters.classify) {
     TESSERA_ASSIGN_OR_RETURN(survey.classifier,
                              ClassifierContent(request, parameters, survey.gsd_m, &outcome.warnings));
-    TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, {}, control, &scene));
+    TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, {}, files, control, &scene));
   }
   if (survey.input_faces > kMaxFacesInMemory) {
     outcome.warnings.insert(outcome.warnings.end(), of_large_mesh.begin(), of_large_mesh.end());
-    TESSERA_RETURN_IF_ERROR(CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, parameters.anyway, control,
-                                           &outcome.warnings, &survey.fit));
+    TESSERA_RETURN_IF_ERROR(CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, parameters.anyway, files.fetch,
+                                           control, &outcome.warnings, &survey.fit));
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
 

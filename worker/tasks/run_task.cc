@@ -20,10 +20,10 @@ struct TaskFunction {
 };
 
 constexpr TaskFunction kFunctions[] = {
-    {kIngestKind, RunIngest},     {kUpdateKind, RunUpdate},   {kCutKind, RunCut},         {kCropKind, RunCrop},
-    {kRefineKind, RunRefine},     {kMeasureKind, RunMeasure}, {kSolveKind, RunSolve},     {kMendKind, RunRepair},
-    {kCompareKind, RunCompare},   {kChangesKind, RunChanges}, {kPublishKind, RunPublish}, {kStartKind, RunStart},
-    {kClassifyKind, RunClassify}, {kBordersKind, RunBorders}, {kExportKind, RunExport}};
+    {kInspectKind, RunInspect}, {kIngestKind, RunIngest},     {kUpdateKind, RunUpdate},   {kCutKind, RunCut},
+    {kCropKind, RunCrop},       {kRefineKind, RunRefine},     {kMeasureKind, RunMeasure}, {kSolveKind, RunSolve},
+    {kMendKind, RunRepair},     {kCompareKind, RunCompare},   {kChangesKind, RunChanges}, {kPublishKind, RunPublish},
+    {kStartKind, RunStart},     {kClassifyKind, RunClassify}, {kBordersKind, RunBorders}, {kExportKind, RunExport}};
 
 constexpr const TaskFunction* FindFunction(std::string_view kind) {
   return std::find_if(std::begin(kFunctions), std::end(kFunctions),

@@ -15,12 +15,15 @@ struct TaskRequest {
   std::string parameters;  // canonical JSON, made by server/plan
   std::string input_dir;   // inputs by name (names may contain folders), read-only
   std::string output_dir;  // initially empty
+  // Brings inputs that are fetched on demand (IsFetchedOnDemand) into input_dir. Call it from the task's thread.
+  FetchFiles fetch = {};
 };
 
 struct TaskOutcome {
   std::vector<std::string> outputs;  // names of the files written, relative to output_dir
   std::string stats;                 // JSON for the report: energies, counts, seconds; never part of a key
   Warnings warnings;
+  bool found_faults = false;  // an output says that inputs cannot be read
 };
 
 // Runs one task. Outputs are byte-equal for equal inputs. INVALID_ARGUMENT, NOT_FOUND, OUT_OF_RANGE and DATA_LOSS:

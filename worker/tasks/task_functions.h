@@ -7,14 +7,23 @@
 #include "common/base/elapsed.h"
 #include "common/base/status.h"
 #include "common/base/task_control.h"
+#include "common/check/inspection.h"
+#include "common/job/task_parameters.h"
 #include "worker/tasks/task.h"
 
 namespace tessera {
 
-// Scene → the repaired and split mesh of the city, and the survey: GSD, cells and their views, pairs.
+// Some images of a scene, with masks and likelihoods → what they hold, and faults of the files.
+StatusOr<TaskOutcome> RunInspect(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
+// The inspections among the inputs of ingest or update, and how they fetch pixel files.
+StatusOr<InspectedFiles> ReadInspections(const TaskRequest& request, const IngestParameters& parameters);
+
+// Scene and inspections → the repaired and split mesh of the city, and the survey: GSD, cells and their views, pairs.
 StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Survey and city of the base job, and a scene → the updated survey, and the updated city if the mesh changed.
+// Survey and city of the base job, a scene and inspections → the updated survey, and the updated city if the mesh
+// changed.
 StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
 // City, classifier and an image → its likelihoods, and statistics of their borders against the image's edges.

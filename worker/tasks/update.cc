@@ -11,7 +11,6 @@
 #include "common/geometry/repair.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
-#include "common/scene/photographs.h"
 #include "common/scene/repair_options.h"
 #include "common/scene/scene.h"
 #include "common/scene/scene_json.h"
@@ -37,9 +36,20 @@ std::map<std::string, const SceneView*> KnownImages(const UpdateFiles& files, co
   return found;
 }
 
-// Sets how photographs are read: as the base did for those that it knows.
-Status FillPhotographs(const std::map<std::string, const SceneView*>& known, const TaskControl& control,
-                       SceneDescription* scene, Warnings* warnings) {
+// The forms of the base's likelihood files, by their path.
+std::map<std::string, LikelihoodForm> KnownForms(const Survey& base, const UpdateFiles& files) {
+  std::map<std::string, LikelihoodForm> known;
+  for (const SceneView& view : base.views) {
+    const auto carried = files.carried.find(view.likelihood_path);
+    if (carried != files.carried.end()) known[carried->second] = view.likelihood_form;
+  }
+  return known;
+}
+
+// Sets how photographs and likelihoods are read: as the base did for those that it knows.
+Status FillForms(const std::map<std::string, const SceneView*>& known,
+                 const std::map<std::string, LikelihoodForm>& known_forms, const InspectedFiles& files,
+                 const TaskControl& control, SceneDescription* scene, Warnings* warnings) {
   std::vector<uint8_t> is_read(scene->views.size(), 1);
   for (size_t v = 0; v < scene->views.size(); ++v) {
     SceneView& view = scene->views[v];
@@ -53,16 +63,19 @@ Status FillPhotographs(const std::map<std::string, const SceneView*>& known, con
     view.masked = of_base->second->masked;
     view.white_level = of_base->second->white_level;
   }
-  return ChooseWhiteLevels(is_read, control, scene, warnings);
+  return CompletePixelForms(is_read, known_forms, files, control, scene, warnings);
 }
 
-// Hashes of the decoded content of the views' files: known for the base's views, computed for the others.
-Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneDescription* scene) {
-  std::vector<Status> statuses(scene->views.size());
-  ParallelForEach(scene->views.size(), 1, [&](int64_t v) {
-    if (!control.Check().ok()) return;
+// Hashes of the decoded content of the views' files: known for the base's views, inspected or computed for the others.
+Status FillContents(const UpdateFiles& files, const InspectedFiles& inspected, const TaskControl& control,
+                    SceneDescription* scene) {
+  const int classes = static_cast<int>(scene->classes.size());
+  std::vector<SceneView> new_files = scene->views;  // with the paths of these alone
+  std::vector<const ViewInspection*> inspections;
+  std::vector<std::string> unknown;
+  for (size_t v = 0; v < scene->views.size(); ++v) {
     SceneView& view = scene->views[v];
-    SceneView unread = view;
+    SceneView& unread = new_files[v];
     const auto take = [&](std::string* path, std::string* content) {
       const auto known = files.known.find(*path);
       if (known == files.known.end()) return;
@@ -74,7 +87,21 @@ Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneD
     if (const auto known = files.known.find(view.image_path); known != files.known.end()) {
       if (!known->second.classified.empty()) view.likelihood_content = known->second.classified;
     }
-    const auto content = ReadPixelContent(scene->folder, unread, static_cast<int>(scene->classes.size()));
+    const ViewInspection* const found = inspected.inspections.Find(unread, classes);
+    const bool is_good = found != nullptr && found->broken.ok();  // else the errors of all files of the view are told
+    inspections.push_back(is_good ? found : nullptr);
+    if (!is_good) {
+      unknown.insert(unknown.end(), {unread.image_path, unread.mask_path, unread.likelihood_path});
+    }
+  }
+  TESSERA_RETURN_IF_ERROR(FetchInScene(scene->folder, unknown, inspected.fetch));
+  std::vector<Status> statuses(scene->views.size());
+  ParallelForEach(scene->views.size(), 1, [&](int64_t v) {
+    if (!control.Check().ok()) return;
+    SceneView& view = scene->views[v];
+    const ViewInspection* const found = inspections[v];
+    const StatusOr<PixelContent> content =
+        found != nullptr ? found->content : ReadPixelContent(scene->folder, new_files[v], classes);
     statuses[v] = content.status();
     if (!content.ok()) return;
     if (!content->image.empty()) {
@@ -87,16 +114,6 @@ Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneD
   for (const Status& status : statuses) faults.Add(status);
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return control.Check();
-}
-
-// Sets the forms of the likelihood files: of known ones as in the base job.
-void FindForms(const Survey& base, const UpdateFiles& files, SceneDescription* scene, Warnings* warnings) {
-  std::map<std::string, LikelihoodForm> known;
-  for (const SceneView& view : base.views) {
-    const auto carried = files.carried.find(view.likelihood_path);
-    if (carried != files.carried.end()) known[carried->second] = view.likelihood_form;
-  }
-  FindLikelihoodForms(scene, warnings, known);
 }
 
 // The mesh of the base job.
@@ -178,12 +195,15 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   for (const auto& [path, known] : files.known) load.elsewhere.insert(path);
   const std::map<std::string, const SceneView*> known_images = KnownImages(files, survey);
   for (const auto& [path, view] : known_images) {
-    load.sizes_elsewhere[path] = {view->lens.pinhole.width, view->lens.pinhole.height};
+    const PinholeCamera& camera = view->lens.pinhole;
+    load.headers_elsewhere.emplace(path, ImageHeader{{camera.width, camera.height}});
   }
   load.needs_mesh = false;
   load.to_be_classified = !survey.classifier.empty();
   load.frame = Frame::Of(survey.crs, survey.origin_in_scene, survey.rotation_local_from_scene);
   TaskOutcome outcome;
+  TESSERA_ASSIGN_OR_RETURN(const InspectedFiles inspected, ReadInspections(request, parameters.ingest));
+  inspected.inspections.AddTo(&load);
   TESSERA_ASSIGN_OR_RETURN(SceneDescription scene,
                            LoadScene(InputPath(request, kSceneFolder), &outcome.warnings, load));
   const bool whole = !scene.mesh_path.empty();
@@ -203,15 +223,15 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   }
   if (scene.source) survey.source = SceneSourceToJson(*scene.source);
   for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
-  TESSERA_RETURN_IF_ERROR(FillPhotographs(known_images, control, &scene, &outcome.warnings));
-  FindForms(survey, files, &scene, &outcome.warnings);
-  TESSERA_RETURN_IF_ERROR(FillContents(files, PartOf(control, 0, 0.4), &scene));
+  TESSERA_RETURN_IF_ERROR(
+      FillForms(known_images, KnownForms(survey, files), inspected, control, &scene, &outcome.warnings));
+  TESSERA_RETURN_IF_ERROR(FillContents(files, inspected, PartOf(control, 0, 0.4), &scene));
   if (!survey.classifier.empty()) {
     std::set<std::string> classified;
     for (const auto& [path, known] : files.known) {
       if (!known.classified.empty()) classified.insert(path);
     }
-    TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, classified, control, &scene));
+    TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, classified, inspected, control, &scene));
   }
 
   TESSERA_ASSIGN_OR_RETURN(const ViewChanges changes, UpdateViews(scene, whole, parameters, files.carried, &survey));

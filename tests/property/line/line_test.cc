@@ -132,7 +132,7 @@ TEST(Line, ResultIsIndependentOfTheTilingAndLabelsStayCorrect) {
     const auto tasks = RunLine(folder, folder + "/work" + std::to_string(tiles), {.tiles = tiles});
     ASSERT_TRUE(tasks.ok()) << tasks.status();
     const std::string path = tasks->back().output_dir + "/" + kMeshFile;
-    const auto city = ReadCity(tasks->front().output_dir + "/" + kCityFile);
+    const auto city = ReadCity(IngestOf(*tasks).output_dir + "/" + kCityFile);
     const auto result = ReadPly(path);
     ASSERT_TRUE(city.ok() && result.ok());
     EXPECT_EQ(result->mesh.faces.size(), city->mesh.faces.size());
@@ -166,7 +166,7 @@ TEST(Line, FacesDifferFromTheCityOnlyByFlippedEdges) {
     if (!flips) settings.method_settings.flip_edges = false;
     const auto tasks = RunLine(folder, folder + (flips ? "/flipped" : "/plain"), settings);
     ASSERT_TRUE(tasks.ok()) << tasks.status();
-    const auto city = ReadCity(tasks->front().output_dir + "/" + kCityFile);
+    const auto city = ReadCity(IngestOf(*tasks).output_dir + "/" + kCityFile);
     const auto result = ReadPly(tasks->back().output_dir + "/" + kMeshFile);
     ASSERT_TRUE(city.ok() && result.ok());
     cities.push_back(city->mesh);
@@ -276,7 +276,7 @@ TEST(Line, LabelsArePreservedWithoutLikelihoods) {
   WriteTinyScene(folder, options);
   const auto tasks = RunLine(folder, folder + "/work", {.tiles = 3});
   ASSERT_TRUE(tasks.ok()) << tasks.status();
-  const auto city = ReadCity(tasks->front().output_dir + "/" + kCityFile);
+  const auto city = ReadCity(IngestOf(*tasks).output_dir + "/" + kCityFile);
   const auto result = ReadPly(tasks->back().output_dir + "/" + kMeshFile);
   ASSERT_TRUE(city.ok() && result.ok());
   EXPECT_EQ(result->mesh.labels, city->mesh.labels);
@@ -355,7 +355,7 @@ TEST(Line, AllSceneErrorsAreReportedTogether) {
   // Files change after the plan was made.
   WriteText(folder + "/mesh.ply", "not a mesh");
   WriteText(folder + "/images/" + scene.image_names[0], "not an image");
-  const TaskRequest request = {"ingest", "{}", tasks->front().output_dir + "/../in", FreshTestFolder("faults_out")};
+  const TaskRequest request = {"ingest", "{}", IngestOf(*tasks).output_dir + "/../in", FreshTestFolder("faults_out")};
   const Status status = RunTask(request, {}).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_NE(std::string(status.message()).find("mesh.ply"), std::string::npos) << status;
@@ -448,6 +448,40 @@ TEST(Line, UnlabelledStartIsLabelledBeforeTheGeometrySteps) {
   EXPECT_TRUE(RefineStats(folder, "ours", settings).contains("labels_first"));
   settings.method = "baseline";
   EXPECT_FALSE(RefineStats(folder, "baseline", settings).contains("labels_first"));
+}
+
+// Tasks that inspect some images each change neither survey nor mesh.
+TEST(Line, InspectedImagesGiveTheSameSurvey) {
+  for (const std::string& classifier : {std::string(), std::string(kDefaultClassifier)}) {
+    const std::string in = FreshTestFolder("inspected"), scene = in + "/" + kSceneFolder, alone = in + "/alone";
+    WriteTinyScene(scene, {.tower = true});
+    std::filesystem::remove(scene + "/colmap/points3D.txt");  // which jobs do not read
+    IngestParameters parameters;
+    if (!classifier.empty()) {
+      parameters.classify = parameters.by_default_rule = true;
+      std::filesystem::remove_all(scene + "/likelihoods");
+      for (int view = 0; view < 9; ++view) {  // enough images for several tasks
+        std::filesystem::create_directories(scene + "/masks");
+        ASSERT_TRUE(WritePng(scene + "/masks/view" + std::to_string(view) + ".png", ByteImage(160, 120, 1, 255)).ok());
+      }
+    }
+    ASSERT_TRUE(EnsureFolder(alone).ok());
+    const auto whole = RunTask({"ingest", ToJson(parameters), in, alone}, {});
+    ASSERT_TRUE(whole.ok()) << whole.status();
+    int inspected = 0;
+    std::string made;  // by ingest of the line
+    const auto runner = [&](const TaskRequest& request) -> StatusOr<TaskOutcome> {
+      if (request.kind != kInspectKind && request.kind != kIngestKind) return absl::CancelledError("far enough");
+      inspected += request.kind == kInspectKind;
+      made = request.output_dir;
+      return RunTask(request, {});
+    };
+    RunLine(scene, in + "/work", {.classifier = classifier}, runner).IgnoreError();
+    EXPECT_GT(inspected, 1);
+    for (const char* file : {kSurveyFile, kCityFile, kPlainSurveyFile}) {
+      EXPECT_TRUE(ReadText(alone + "/" + file) == ReadText(made + "/" + file)) << file;
+    }
+  }
 }
 
 }  // namespace

@@ -102,7 +102,7 @@ TEST_F(QuarantinedTileTest, CityHasNoCracksAroundATileFailedAtAnyStep) {
       EXPECT_EQ(left.labels, state_of[stays].labels);
     }
     // The tile's edges are not flipped, those of other tiles are.
-    const auto city = ReadCity(tasks.front().output_dir + "/" + kCityFile);
+    const auto city = ReadCity(IngestOf(tasks).output_dir + "/" + kCityFile);
     const auto result = ReadPly(tasks.back().output_dir + "/" + kMeshFile);
     ASSERT_TRUE(city.ok() && result.ok());
     std::set<size_t> flipped;

@@ -15,6 +15,7 @@
 #include "tests/fuzz/colmap/colmap_text_target.h"
 #include "tests/fuzz/blocks/gltf_target.h"
 #include "tests/fuzz/image_target.h"
+#include "tests/fuzz/inspection_target.h"
 #include "tests/fuzz/likelihoods_target.h"
 #include "tests/fuzz/manifest_target.h"
 #include "tests/fuzz/blocks/model_metadata_target.h"
@@ -52,6 +53,7 @@ const std::map<std::string, bool (*)(const std::string&)> kTargets = {
     {"colmap_text", RunColmapTextTarget},
     {"gltf", RunGltfTarget},
     {"image", RunImageTarget},
+    {"inspection", RunInspectionTarget},
     {"likelihoods", RunLikelihoodsTarget},
     {"manifest", RunManifestTarget},
     {"model_metadata", RunModelMetadataTarget},

@@ -19,9 +19,15 @@ std::string EntryText(const std::string& name, const std::string& rest = "") {
 
 TEST(Manifest, IsReadAsItWasWritten) {
   SceneManifest manifest;
-  manifest.files = {{"scene.json", {Sha256Hex("s"), 1}},
-                    {"images/\"ü\".jpg", {Sha256Hex("i"), 7}, ImageHeader{{400, 300}, 16, true, 6}},
-                    {"images/b.tif", {Sha256Hex("b"), 0}, {}, "images/b.tif: found an empty file"}};
+  manifest.files.resize(3);
+  manifest.files[0].name = "scene.json";
+  manifest.files[0].digest = {Sha256Hex("s"), 1};
+  manifest.files[1].name = "images/\"ü\".jpg";
+  manifest.files[1].digest = {Sha256Hex("i"), 7};
+  manifest.files[1].image = ImageHeader{{400, 300}, 16, true, 6};
+  manifest.files[2].name = "images/b.tif";
+  manifest.files[2].digest = {Sha256Hex("b"), 0};
+  manifest.files[2].fault = "images/b.tif: found an empty file";
   const std::string text = ToJson(manifest);
   const StatusOr<SceneManifest> read = ParseManifest(text, "m");
   ASSERT_TRUE(read.ok()) << read.status();

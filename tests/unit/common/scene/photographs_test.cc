@@ -9,6 +9,7 @@
 #include "common/check/check.h"
 #include "common/scene/scene.h"
 #include "tests/support/tiny_scene.h"
+#include "tests/support/wide_tiff.h"
 
 namespace tessera {
 namespace {
@@ -21,23 +22,6 @@ using testing::Not;
 namespace fs = std::filesystem;
 
 constexpr int kImageWidth = 160, kImageHeight = 120;
-
-// The images as 16-bit PGM-like values times `factor`: PNG has no writer for 16 bits here, so TIFF by hand.
-void WriteTiff16(const std::string& path, const ByteImage& grey, int factor) {
-  std::string bytes("II*\0\x08\0\0\0\x09\0", 10);
-  const auto add = [&bytes](uint32_t value, int count) {
-    for (int i = 0; i < count; ++i) bytes.push_back(static_cast<char>(value >> (8 * i)));
-  };
-  const auto entry = [&](uint32_t tag, uint32_t value) {
-    add(tag, 2), add(4, 2), add(1, 4), add(value, 4);
-  };
-  const uint32_t width = grey.width, height = grey.height, offset = 8 + 2 + 9 * 12 + 4;
-  entry(256, width), entry(257, height), entry(258, 16), entry(259, 1), entry(262, 1), entry(273, offset);
-  entry(277, 1), entry(278, height), entry(279, 2 * width * height);
-  add(0, 4);
-  for (size_t i = 0; i < grey.plane_size(); ++i) add(static_cast<uint32_t>(grey.data[i] * factor), 2);
-  WriteText(path, bytes);
-}
 
 ByteImage Mask(int width, int height, int masked_columns) {
   ByteImage mask(width, height, 1, 255);

@@ -35,7 +35,7 @@ TEST(ClassifyTasks, TasksDoNotDependOnTiles) {
     files.insert(std::lower_bound(files.begin(), files.end(), kClassifierFile), kClassifierFile);
     const auto planned = PlanTiles(settings, SurveyToJson(survey), files);
     ASSERT_TRUE(planned.ok()) << planned.status();
-    std::vector<PlannedTask> tasks = {*PlanIngest(settings, files)};
+    std::vector<PlannedTask> tasks = *PlanIngest(settings, files);
     tasks.insert(tasks.end(), planned->begin(), planned->end());
     if (tiles > 1) {
       std::vector<TileReads> reads(Cores(survey, tiles).size());

@@ -34,7 +34,7 @@ std::vector<TileReads> RandomReads(int tiles, Random& random) {
 std::vector<PlannedTask> PlanOf(const Survey& survey, const JobSettings& settings,
                                 const std::vector<TileReads>& reads) {
   const std::vector<std::string> files = FilesOf(survey);
-  std::vector<PlannedTask> tasks = {*PlanIngest(settings, files)};
+  std::vector<PlannedTask> tasks = *PlanIngest(settings, files);
   const auto append = [&](const StatusOr<std::vector<PlannedTask>>& phase) {
     ASSERT_TRUE(phase.ok()) << phase.status();
     tasks.insert(tasks.end(), phase->begin(), phase->end());
@@ -383,10 +383,57 @@ TEST(Plan, IngestReadsTheWholeSceneAndNothingElse) {
   const auto c = PlanIngest(more_pairs, {"images/a.jpg", "scene.json"});
   const auto d = PlanIngest(fewer_views, {"images/a.jpg", "scene.json"});
   ASSERT_TRUE(a.ok() && b.ok() && c.ok() && d.ok());
-  EXPECT_NE(a->parameters, c->parameters) << "ingest selects pairs";
-  EXPECT_NE(a->parameters, d->parameters) << "ingest selects the views of cells";
-  EXPECT_EQ(*a->scene_files, (std::vector<int>{0, 1}));
-  EXPECT_EQ(a->parameters, b->parameters) << "ingest does not depend on the tiling";
+  EXPECT_EQ(a->size(), 1) << "one task inspects a few images itself";
+  EXPECT_NE(a->back().parameters, c->back().parameters) << "ingest selects pairs";
+  EXPECT_NE(a->back().parameters, d->back().parameters) << "ingest selects the views of cells";
+  EXPECT_EQ(*a->back().scene_files, (std::vector<int>{0, 1}));
+  EXPECT_EQ(a->back().parameters, b->back().parameters) << "ingest does not depend on the tiling";
+}
+
+// The files of a view are inspected together. The parts do not depend on the settings, so that they are reused.
+TEST(Plan, ManyImagesAreInspectedInParts) {
+  std::vector<std::string> files = {"cameras/images.bin", "cameras/points3D.bin", "mesh.ply", "scene.json"};
+  constexpr int kImages = 40;
+  for (int i = 0; i < kImages; ++i) {
+    const std::string name = std::to_string(100 + i);
+    files.push_back("images/flight/" + name + ".JPG");
+    files.push_back("likelihoods/flight/" + name + ".tif");
+    files.push_back("masks/flight/" + name + (i % 2 == 0 ? ".JPG.png" : ".mask.png"));
+  }
+  std::sort(files.begin(), files.end());
+  const auto tasks = PlanIngest({.tiles = 4}, files);
+  JobSettings others;
+  others.method_settings.partners = 6;
+  const auto again = PlanIngest(others, files);
+  ASSERT_TRUE(tasks.ok() && again.ok());
+  ASSERT_EQ(tasks->size(), 9);  // of five images each, and ingest
+  const PlannedTask& ingest = tasks->back();
+  EXPECT_EQ(ingest.kind, kIngestKind);
+  EXPECT_EQ(ingest.scene_files->size(), files.size());
+  ASSERT_EQ(ingest.inputs.size(), tasks->size() - 1);
+  std::map<std::string, size_t> part_of;  // by path
+  for (size_t t = 0; t + 1 < tasks->size(); ++t) {
+    const PlannedTask& inspect = (*tasks)[t];
+    EXPECT_EQ(inspect.kind, kInspectKind);
+    EXPECT_TRUE(inspect.inputs.empty());
+    EXPECT_EQ(inspect.parameters, (*again)[t].parameters);
+    EXPECT_EQ(*inspect.scene_files, *(*again)[t].scene_files);
+    EXPECT_EQ(ingest.inputs[t].task, TaskId(static_cast<int>(t)));
+    EXPECT_EQ(InputName(ingest.inputs[t]), TileInputName(static_cast<int>(t), kInspectionFile));
+    std::set<std::string> common = {"cameras/images.bin", "scene.json"};
+    for (const int file : *inspect.scene_files) {
+      if (common.erase(files[file]) > 0) continue;
+      EXPECT_TRUE(part_of.emplace(files[file], t).second) << files[file];
+    }
+    EXPECT_TRUE(common.empty());
+    EXPECT_LE(inspect.scene_files->size(), 18) << "15 files of five images, and two of cameras";
+  }
+  EXPECT_EQ(part_of.size(), 3 * kImages) << "mesh and 3D points are not read";
+  for (int i = 0; i < kImages; ++i) {
+    const std::string name = std::to_string(100 + i), image = "images/flight/" + name + ".JPG";
+    EXPECT_EQ(part_of.at(image), part_of.at("likelihoods/flight/" + name + ".tif"));
+    EXPECT_EQ(part_of.at(image), part_of.at("masks/flight/" + name + (i % 2 == 0 ? ".JPG.png" : ".mask.png")));
+  }
 }
 
 }  // namespace

@@ -114,6 +114,36 @@ TEST(UpdatePlan, FirstPhaseGivesOutputsOfTheBaseAndReadsNewFiles) {
   EXPECT_EQ(read, (std::set<std::string>{"new.jpg", "scene.json"})) << "no image of the base, no mesh";
 }
 
+TEST(UpdatePlan, ManyNewImagesAreInspectedInParts) {
+  Pair pair(4);
+  std::vector<NamedDigest> files = pair.base.scene_files;
+  for (int i = 0; i < 20; ++i) {
+    const std::string name = "new/" + std::to_string(100 + i) + ".jpg";
+    files.push_back({name, DigestOf(name)});
+  }
+  std::sort(files.begin(), files.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+  const auto tasks = PlanUpdate({}, files, pair.base);
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  ASSERT_EQ(tasks->size(), 4u);
+  std::set<std::string> inspected;
+  for (const int t : {1, 2}) {
+    EXPECT_EQ((*tasks)[t].kind, kInspectKind);
+    for (const int file : *(*tasks)[t].scene_files) inspected.insert(files[file].name);
+    const PlannedInput& input = (*tasks)[3].inputs.at(2 + t);
+    EXPECT_EQ(input.task, TaskId(t));
+    EXPECT_EQ(InputName(input), TileInputName(t - 1, kInspectionFile));
+  }
+  EXPECT_EQ(inspected.size(), 21u) << "the new images and scene.json, none of the base";
+  EXPECT_EQ((*tasks)[3].kind, kUpdateKind);
+  // Later phases read the survey of the last task.
+  pair.base.inspections = 2;
+  const auto later = PlanTiles({}, SurveyToJson(pair.now), pair.Files(), &pair.base);
+  ASSERT_TRUE(later.ok()) << later.status();
+  std::set<int> read;
+  for (const PlannedInput& input : later->back().inputs) read.insert(input.task.value());
+  EXPECT_EQ(read, (std::set<int>{0, 3}));
+}
+
 TEST(UpdatePlan, WithoutChangesOnlyPublishIsPlannedWithTheBasesKey) {
   const Pair pair(4);
   const auto tasks = PlanTiles({}, SurveyToJson(pair.now), pair.Files(), &pair.base);

@@ -268,7 +268,8 @@ TEST_F(DeleteJobTest, DeletionEndsRecomputation) {
 TEST_F(DeleteJobTest, UpdateOfAJobDeletedMeanwhileIsRefused) {
   struct DeletingPlanner : BasePlanner {
     std::function<void()> meanwhile;
-    StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& files) override {
+    StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings,
+                                              const std::vector<std::string>& files) override {
       if (!settings.update.base.empty()) meanwhile();
       return BasePlanner::Ingest(settings, files);
     }

@@ -99,6 +99,49 @@ TEST_F(AgentTest, TasksSeeOnlyTheirOwnFiles) {
                                     "cut({})0001/state=five;"));
 }
 
+// A task that reads inspections fetches the images that it needs. An empty folder of the scene does not stay.
+TEST_F(AgentTest, InspectedImagesAreFetchedOnDemand) {
+  v1::Lease first = NewLease("jobs/1/tasks/1"), second = NewLease("jobs/1/tasks/2");
+  AddInput(first, "0000/inspection.json", "{}");
+  AddInput(first, "scene/scene.json", "{}");
+  AddInput(first, "scene/images/a.jpg", "a");
+  AddInput(first, "scene/images/b.jpg", "b");
+  AddInput(second, "scene/images/b.jpg", "b");
+  for (const v1::Lease& lease : {first, second}) coordinator_.Queue(lease);
+  StartAgent([](const TaskRequest& request, const TaskControl& control) -> StatusOr<TaskOutcome> {
+    const std::string images = request.input_dir + "/scene/images";
+    if (fs::exists(request.input_dir + "/0000")) {
+      EXPECT_TRUE(fs::exists(request.input_dir + "/scene/scene.json"));
+      EXPECT_FALSE(fs::exists(images));
+      for (int again = 0; again < 2; ++again) TESSERA_RETURN_IF_ERROR(request.fetch({images + "/b.jpg"}));
+      EXPECT_FALSE(fs::exists(images + "/a.jpg"));
+    } else {
+      EXPECT_FALSE(fs::exists(images + "/../scene.json"));
+    }
+    EXPECT_EQ(ReadFile(images + "/b.jpg").value(), "b") << "a task without inspections has all its inputs";
+    return Concatenate({request.kind, request.parameters, images, request.output_dir}, control);
+  });
+  WaitForReport(2);
+  for (const v1::ReportTaskRequest& report : coordinator_.reports) {
+    EXPECT_TRUE(report.has_success()) << report.failure().message();
+  }
+  EXPECT_EQ(coordinator_.blobs().read_offsets().size(), 2u) << "{} and b, which stay in the cache";
+}
+
+// The error of a fetch on demand is that of the input.
+TEST_F(AgentTest, ImageThatIsLostOnDemandFailsTheAttempt) {
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  AddInput(lease, "0000/inspection.json", "{}");
+  AddInput(lease, "scene/images/a.jpg", Digest{Sha256Hex("lost"), 4}, "");
+  coordinator_.Queue(lease);
+  StartAgent([](const TaskRequest& request, const TaskControl&) -> StatusOr<TaskOutcome> {
+    return request.fetch({request.input_dir + "/scene/images/a.jpg"});
+  });
+  const v1::ReportTaskRequest report = WaitForReport();
+  ASSERT_TRUE(report.has_failure());
+  EXPECT_EQ(report.failure().error_class(), v1::ERROR_CLASS_LOST_INPUT);
+}
+
 TEST_F(AgentTest, SharedFilesAreLinkedAndOutputsGoToTheSharedFolder) {
   const std::string shared = folder_.path() + "/blobs";
   ASSERT_TRUE(FolderBlobs::Open(shared).ok());
