@@ -41,6 +41,10 @@ StatusOr<FileLock> LockUnused(const std::string& data) {
 
 // Opens the state, which must not be in use.
 StatusOr<std::unique_ptr<StateStore>> OpenUnused(const std::string& data, const std::string& state) {
+  if (!state.empty() && !IsPostgresUrl(state)) {
+    return InputError("--state", "", "'" + state + "'",
+                      "postgresql://HOST/DATABASE; without it, the state is DATA/state.sqlite");
+  }
   if (state.empty()) TESSERA_RETURN_IF_ERROR(LockUnused(data).status());
   return OpenState(state.empty() ? data + "/state.sqlite" : state,
                    {.owner_of = OwnerOfRecord, .holder = "maintenance, process " + std::to_string(::getpid())});

@@ -14,6 +14,7 @@
 #include "common/log/log.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
+#include "server/store/state_store.h"
 #include "server/tesserad/maintenance.h"
 #include "server/tesserad/serve.h"
 
