@@ -11,6 +11,7 @@
 #include <map>
 #include <set>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "common/base/parallel.h"
 #include "common/check/check.h"
@@ -85,7 +86,7 @@ class InspectionTest : public testing::Test {
     const auto plain = [&](const std::string& text) { return absl::StrReplaceAll(text, {{folder, "scene"}}); };
     for (std::string& warning : verdict.warnings) warning = plain(warning);
     verdict.error = plain(std::string(checked.status().message()));
-    for (const InputFault& fault : FaultsOf(checked.status())) verdict.error += "\n" + plain(fault.file);
+    for (const InputFault& fault : FaultsOf(checked.status())) absl::StrAppend(&verdict.error, "\n", plain(fault.file));
     if (!checked.ok()) return verdict;
     verdict.summary = SummaryToJson(checked->summary, {});
     ReplaceAllNames(&verdict.summary);
