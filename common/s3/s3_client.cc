@@ -300,16 +300,18 @@ StatusOr<SignedRequest> S3Client::SignGet(const std::string& key, double seconds
   return impl_->Sign(std::move(request), seconds);
 }
 
-StatusOr<SignedRequest> S3Client::SignPut(const std::string& key, const std::string& sha256, double seconds,
-                                          SignedHash hash) {
-  return SignPart(key, "", 0, sha256, seconds, hash);
+StatusOr<SignedRequest> S3Client::SignPut(const std::string& key, const std::string& sha256, int64_t size_bytes,
+                                          double seconds, SignedHash hash) {
+  return SignPart(key, "", 0, sha256, size_bytes, seconds, hash);
 }
 
 StatusOr<SignedRequest> S3Client::SignPart(const std::string& key, const std::string& upload, int part,
-                                           const std::string& sha256, double seconds, SignedHash hash) {
+                                           const std::string& sha256, int64_t size_bytes, double seconds,
+                                           SignedHash hash) {
   TESSERA_RETURN_IF_ERROR(CheckS3Key(impl_->FullKey(key)));
-  TESSERA_RETURN_IF_ERROR(CheckDigest({sha256, 0}));
+  TESSERA_RETURN_IF_ERROR(CheckDigest({sha256, size_bytes}));
   S3Request request = impl_->RequestOf("PUT", key);
+  request.headers["content-length"] = absl::StrCat(size_bytes);
   if (!upload.empty()) request.query = {{"partNumber", absl::StrCat(part)}, {"uploadId", upload}};
   request.content_sha256 = hash == SignedHash::kContent ? sha256 : kUnsignedPayload;
   if (hash == SignedHash::kContent) request.headers["x-amz-content-sha256"] = sha256;

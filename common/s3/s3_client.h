@@ -133,11 +133,13 @@ class S3Client {
   // --- Signed URLs (AWS Signature Version 4, query form), valid for `seconds` (up to a week), but not longer than the
   // credentials. ---
   StatusOr<SignedRequest> SignGet(const std::string& key, double seconds);
-  // The URL of an upload of the content with this SHA-256, as far as the store enforces `hash`.
-  StatusOr<SignedRequest> SignPut(const std::string& key, const std::string& sha256, double seconds,
+  // The URL of an upload of the content with this SHA-256, as far as the store enforces `hash`, and of this size. (The
+  // size is signed, too, because radosgw does not compare the hash of an empty body.)
+  StatusOr<SignedRequest> SignPut(const std::string& key, const std::string& sha256, int64_t size_bytes, double seconds,
                                   SignedHash hash = SignedHash::kContent);
   StatusOr<SignedRequest> SignPart(const std::string& key, const std::string& upload, int part,
-                                   const std::string& sha256, double seconds, SignedHash hash = SignedHash::kContent);
+                                   const std::string& sha256, int64_t size_bytes, double seconds,
+                                   SignedHash hash = SignedHash::kContent);
 
   // By method ("get", "put", "head", "list", "delete", "copy", "upload").
   std::map<std::string, S3Counts> counts() const;
@@ -158,8 +160,8 @@ class SignedTransfers {
   // Passes the object's bytes from `offset_bytes` on to `take`, as S3Client::Stream.
   Status Get(const SignedRequest& request, int64_t offset_bytes,
              const std::function<Status(std::string_view bytes)>& take);
-  // Sends bytes [offset, offset + size) of a local file. Returns the ETag. `progress` (may be empty) is called with the
-  // bytes sent by the current attempt; its error ends the transfer.
+  // Sends bytes [offset, offset + size) of a local file. Returns the ETag. DATA_LOSS for another size than the signed
+  // one. `progress` (may be empty) is called with the bytes sent by the current attempt; its error ends the transfer.
   StatusOr<std::string> Put(const SignedRequest& request, const std::string& path, int64_t offset_bytes,
                             int64_t size_bytes, const std::function<Status(int64_t sent_bytes)>& progress = {});
 

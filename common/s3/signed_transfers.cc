@@ -15,6 +15,11 @@
 #include "common/storage/files.h"
 
 namespace tessera {
+namespace {
+
+constexpr char kContentLength[] = "content-length";
+
+}  // namespace
 
 struct SignedTransfers::Impl {
   explicit Impl(const S3ClientOptions& how)
@@ -36,6 +41,7 @@ struct SignedTransfers::Impl {
     http_request.method = request.method;
     http_request.url = request.url;
     http_request.headers.insert(request.headers.begin(), request.headers.end());
+    http_request.headers.erase(kContentLength);  // libcurl sends it
     TESSERA_ASSIGN_OR_RETURN(const HttpAnswer answer, http.Send(http_request));
     const bool accepted = accept_range_errors && (answer.status == 412 || answer.status == 416);
     if (answer.status / 100 == 2 || accepted) return answer;
@@ -77,6 +83,11 @@ Status SignedTransfers::Get(const SignedRequest& request, int64_t offset_bytes,
 StatusOr<std::string> SignedTransfers::Put(const SignedRequest& request, const std::string& path, int64_t offset_bytes,
                                            int64_t size_bytes,
                                            const std::function<Status(int64_t sent_bytes)>& progress) {
+  const auto signed_size = request.headers.find(kContentLength);
+  if (signed_size != request.headers.end() && signed_size->second != absl::StrCat(size_bytes)) {
+    return absl::DataLossError(absl::StrCat(path, ": found ", size_bytes, " bytes to send, expected ",
+                                            Printable(signed_size->second), " as its URL was signed for"));
+  }
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return FileError(errno, "cannot open " + path);
   std::optional<std::string> etag;

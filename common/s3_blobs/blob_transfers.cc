@@ -37,7 +37,8 @@ StatusOr<BlobUpload> BlobTransfers::Write(const Digest& digest, const std::vecto
   if (!hash_) return absl::FailedPreconditionError("the object store takes no uploads by signed URLs");
   const std::string key = S3Blobs::KeyOf(digest);
   if (digest.size_bytes <= options_.max_put_bytes) {
-    TESSERA_ASSIGN_OR_RETURN(SignedRequest request, client_->SignPut(key, digest.sha256, options_.valid_s, *hash_));
+    TESSERA_ASSIGN_OR_RETURN(SignedRequest request,
+                             client_->SignPut(key, digest.sha256, digest.size_bytes, options_.valid_s, *hash_));
     upload.requests.push_back(std::move(request));
     return upload;
   }
@@ -53,8 +54,10 @@ StatusOr<BlobUpload> BlobTransfers::Write(const Digest& digest, const std::vecto
     TESSERA_ASSIGN_OR_RETURN(upload.id, client_->StartUpload(key));
   }
   for (int64_t part = 0; part < parts; ++part) {
-    TESSERA_ASSIGN_OR_RETURN(SignedRequest request, client_->SignPart(key, upload.id, static_cast<int>(part) + 1,
-                                                                      part_sha256[part], options_.valid_s, *hash_));
+    const int64_t size_bytes = std::min(upload.part_bytes, digest.size_bytes - part * upload.part_bytes);
+    TESSERA_ASSIGN_OR_RETURN(SignedRequest request,
+                             client_->SignPart(key, upload.id, static_cast<int>(part) + 1, part_sha256[part],
+                                               size_bytes, options_.valid_s, *hash_));
     upload.requests.push_back(std::move(request));
   }
   return upload;
@@ -77,7 +80,9 @@ StatusOr<std::optional<SignedHash>> TryUploads(S3Client& client, const std::stri
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(wrong_file, other));
   SignedTransfers transfers;
   const auto send = [&](SignedHash hash, const std::string& file) -> Status {
-    TESSERA_ASSIGN_OR_RETURN(const SignedRequest request, client.SignPut(key, Sha256Hex(content), kProbe_s, hash));
+    TESSERA_ASSIGN_OR_RETURN(
+        const SignedRequest request,
+        client.SignPut(key, Sha256Hex(content), static_cast<int64_t>(content.size()), kProbe_s, hash));
     return transfers.Put(request, file, 0, static_cast<int64_t>(content.size())).status();
   };
   const auto find_out = [&]() -> StatusOr<std::optional<SignedHash>> {

@@ -75,7 +75,7 @@ void OneStream(S3Client& client, const std::string& folder, int64_t bytes, int r
   SignedTransfers transfers;
   double put_s = 1e9, curl_put_s = 1e9, get_s = 1e9, curl_get_s = 1e9;
   for (int round = 0; round < rounds; ++round) {
-    const SignedRequest put = Value(client.SignPut(key, digest.sha256, kUrl_s));
+    const SignedRequest put = Value(client.SignPut(key, digest.sha256, bytes, kUrl_s));
     put_s = std::min(put_s, Seconds([&] { Check(transfers.Put(put, path, 0, bytes).status()); }));
     curl_put_s = std::min(
         curl_put_s, Seconds([&] { Curl(put, folder, "upload-file = \"" + path + "\"\noutput = \"/dev/null\""); }));

@@ -135,8 +135,8 @@ TEST_F(ObjectStoreTest, WrongStoreIsToldAtTheStart) {
     all.insert(all.end(), arguments.begin(), arguments.end());
     return Program(folder_.path(), TESSERAD_PROGRAM, all).Wait();
   };
-  EXPECT_THAT(start({"--blobs", "/srv/blobs"}).output, HasSubstr("expected s3://BUCKET"));
-  EXPECT_THAT(start({"--s3-endpoint", location.endpoint}).output, HasSubstr("without --blobs"));
+  EXPECT_THAT(start({"--blobs", "http://bucket"}).output, HasSubstr("expected a folder or s3://BUCKET"));
+  EXPECT_THAT(start({"--s3-endpoint", location.endpoint}).output, HasSubstr("without a bucket"));
   ::setenv("AWS_ACCESS_KEY_ID", TestCredentials().access_key.c_str(), 1);
   ::setenv("AWS_SECRET_ACCESS_KEY", "not-the-secret", 1);
   const Outcome refused = start({"--blobs", ToText(location), "--s3-endpoint", location.endpoint});

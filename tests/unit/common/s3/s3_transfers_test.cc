@@ -154,17 +154,19 @@ TEST_F(S3TransfersTest, SignedUrlsNeedNoCredentials) {
   EXPECT_TRUE(status.ok()) << status;
   EXPECT_EQ(got, "23456789");
 
-  const SignedRequest put = client_->SignPut("key", Sha256Hex("ell"), 60).value();
-  EXPECT_THAT(put.url, HasSubstr("X-Amz-SignedHeaders=host%3Bx-amz-content-sha256"));
+  const SignedRequest put = client_->SignPut("key", Sha256Hex("ell"), 3, 60).value();
+  EXPECT_THAT(put.url, HasSubstr("X-Amz-SignedHeaders=content-length%3Bhost%3Bx-amz-content-sha256"));
   EXPECT_EQ(put.headers.at("x-amz-content-sha256"), Sha256Hex("ell"));
   EXPECT_EQ(transfers.Put(put, File("hello"), 1, 3).value(), "e1");
   EXPECT_EQ(server_->requests().back().body, "ell");
+  EXPECT_EQ(transfers.Put(put, File("hello"), 0, 5).status().code(), absl::StatusCode::kDataLoss) << "another size";
+  EXPECT_EQ(server_->requests().back().body, "ell");
   EXPECT_EQ(server_->requests().back().headers.at("x-amz-content-sha256"), Sha256Hex("ell"));
   EXPECT_FALSE(server_->requests().back().headers.contains("authorization"));
-  const SignedRequest part = client_->SignPart("key", "id/1", 3, Sha256Hex("x"), 60, SignedHash::kChecksum).value();
+  const SignedRequest part = client_->SignPart("key", "id/1", 3, Sha256Hex("x"), 1, 60, SignedHash::kChecksum).value();
   EXPECT_THAT(part.url, HasSubstr("&partNumber=3&uploadId=id%2F1&"));
   EXPECT_TRUE(part.headers.contains("x-amz-checksum-sha256"));
-  EXPECT_TRUE(client_->SignPut("key", Sha256Hex("x"), 60, SignedHash::kNone)->headers.empty());
+  EXPECT_EQ(client_->SignPut("key", Sha256Hex("x"), 1, 60, SignedHash::kNone)->headers.size(), 1u) << "the size alone";
 }
 
 TEST_F(S3TransfersTest, ARefusedUrlIsToldWithoutItsSignature) {

@@ -40,6 +40,7 @@ class S3Case : public StoreCase {
   }
   void MakeOld(const Digest&) override { clock_.ahead_us = int64_t{86400} * 1'000'000; }
   bool frees_at_once() const override { return true; }
+  bool is_remote() const override { return true; }
 
  private:
   TempFolder folder_ = *TempFolder::Create(testing::TempDir());
@@ -110,7 +111,6 @@ TEST_F(S3BlobsTest, UnfinishedMultipartUploadIsALeftover) {
   ASSERT_TRUE(store_->Remove(left[0]).ok());
   EXPECT_TRUE(List(BlobStore::kParts - 2).empty());
   EXPECT_TRUE(store_->Has(digest));
-  EXPECT_EQ(store_->Remove(left[0]).status().code(), absl::StatusCode::kNotFound);
 }
 
 TEST_F(S3BlobsTest, LargeFileIsSentInParts) {
@@ -129,7 +129,9 @@ TEST_F(S3BlobsTest, LargeFileIsSentInParts) {
 TEST_F(S3BlobsTest, OtherObjectsOfTheBucketAreNotListed) {
   ASSERT_TRUE(s3_->client->Put("blobs/ab/notes", "text", Sha256Hex("text")).ok());
   ASSERT_TRUE(s3_->client->Put("probe/1", "text", Sha256Hex("text")).ok());
-  for (int part = 0; part < BlobStore::kParts; ++part) EXPECT_TRUE(List(part).empty()) << part;
+  for (const int part : {0, 0xab, 0xff, BlobStore::kParts - 2, BlobStore::kParts - 1}) {
+    EXPECT_TRUE(List(part).empty()) << part;
+  }
 }
 
 TEST_F(S3BlobsTest, OpenTellsThatTheBucketIsMissing) {
