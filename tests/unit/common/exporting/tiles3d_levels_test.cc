@@ -118,6 +118,44 @@ TEST(Tiles3dLevelsTest, HaveNoCracksBetweenTilesOfOneLevelNorInSheets) {
   }
 }
 
+TEST(Tiles3dLevelsTest, HaveGapsToFinerLevelsOfAnEighthOfTheirErrorAtMost) {
+  ExportedTerrain terrain(90, 7);
+  terrain.sizes.border_tolerance = 0.005;
+  terrain.Write();
+  struct Border {
+    double error_m;
+    TriangleMesh mesh;
+    std::set<TilePlace> finest;
+  };
+  std::map<int, std::vector<Border>> levels;
+  VisitTiles(ReadTiles3d(terrain.path("result")),
+             [&](const ReadTile& tile, const TriangleMesh& mesh, const std::vector<TriangleMesh>& leaves) {
+               if (TileLevelOf(tile) == 0) return;
+               std::vector<TilePlaceFace> finest;
+               for (const TriangleMesh& leaf : leaves) {
+                 const std::vector<TilePlaceFace> faces = TileFacesOf(leaf);
+                 finest.insert(finest.end(), faces.begin(), faces.end());
+               }
+               Border& border = levels[TileLevelOf(tile)].emplace_back(Border{tile.error_m, mesh, {}});
+               for (const auto& [edge, count] : TileBorderEdges(finest)) border.finest.insert({edge[0], edge[1]});
+             });
+  // What neighbours see of a tile: the vertices that the finest tiles on both sides of the border have.
+  double largest = 0;
+  for (const Border& a : levels[1]) {
+    const NearestSurface surface(a.mesh);
+    for (const Border& b : levels[1]) {
+      if (&a == &b) continue;
+      for (const TilePlace& place : b.finest) {
+        if (!a.finest.contains(place)) continue;
+        const double gap_m = surface.Find({place[0], place[1], place[2]}).distance_m;
+        largest = std::max(largest, gap_m / a.error_m);
+      }
+    }
+  }
+  EXPECT_LE(largest, 1 / kTiles3dGapsInError);
+  EXPECT_GT(largest, 0.02);
+}
+
 TEST(Tiles3dLevelsTest, HaveEachFaceInOneLeafWithItsClass) {
   ExportedTerrain terrain(70, 4);
   terrain.Write();
