@@ -137,6 +137,24 @@ TEST_F(LostConnectionTest, EveryWriteOfAnOldEpochIsRefused) {
   EXPECT_THAT(empty.Run("SELECT count(*) FROM records"), ElementsAre("0"));
 }
 
+// Otherwise its records could be stored after the new coordinator has read the last one.
+TEST_F(LostConnectionTest, TakeoverWaitsForABatchInProgress) {
+  const auto store = *OpenState(database_->url(), {.holder = "test"});
+  const PostgresTarget target = *ParsePostgresUrl(database_->url());
+  const auto blocker = *PostgresConnection::Open(target, 30), taker = *PostgresConnection::Open(target, 30);
+  const std::string pid = blocker->Run("SELECT pg_backend_pid()")->Text(0, 0);
+  ASSERT_TRUE(blocker->Run("BEGIN; INSERT INTO records VALUES (1, 'same number', 0, -1)").ok());
+  auto batch = std::async(std::launch::async, [&] { return store->Append({"one"}, Durability::kMachine); });
+  AwaitValue("SELECT count(*) FROM pg_stat_activity WHERE " + pid + " = ANY(pg_blocking_pids(pid))", "1");
+  ASSERT_TRUE(taker->Run("SET lock_timeout = '100ms'").ok());
+  EXPECT_FALSE(taker->Run("UPDATE coordinator SET epoch = epoch + 1").ok());
+  EXPECT_EQ(taker->error_code(), "55P03") << "lock_not_available";
+  ASSERT_TRUE(blocker->Run("ROLLBACK").ok());
+  const Status stored = batch.get();
+  EXPECT_TRUE(stored.ok()) << stored;
+  EXPECT_TRUE(taker->Run("UPDATE coordinator SET epoch = epoch + 1").ok());
+}
+
 // A server of its own, that may be killed.
 class FaultyServerTest : public testing::Test {
  protected:
