@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "server/ledger/digest_proto.h"
 #include "tessera/v1/records.pb.h"
 
@@ -44,19 +45,34 @@ std::vector<KnownResult> TakeSetAside(DispatchCore& core) {
   return known;
 }
 
-// Completes the task, or makes it ready. `lost`: a blob of the result is not stored. Needs the core's mutex.
-void Decide(DispatchCore& core, const KnownResult& known, bool lost) {
+enum class Stored { kYes, kNo, kUnknown };
+
+// The worst status of a result's blobs.
+Stored StoredOf(absl::Span<const Status> blobs) {
+  Stored stored = Stored::kYes;
+  for (const Status& status : blobs) {
+    if (absl::IsNotFound(status) || absl::IsInvalidArgument(status)) return Stored::kNo;
+    if (!status.ok()) stored = Stored::kUnknown;
+  }
+  return stored;
+}
+
+// Completes the task, or makes it ready. A task whose own result was lost needs a proof that the other one is stored:
+// else it would be lost again, and fail after max_remakes. Needs the core's mutex.
+void Decide(DispatchCore& core, const KnownResult& known, Stored stored) {
   const bool same = MayReuse(core.ledger(), known.ref) &&
                     *core.ledger().results().Find(*core.ledger().task(known.ref).key) == known.outputs;
   if (!same) return PutBack(core, known.ref);
-  const Sha256 key = *core.ledger().task(known.ref).key;
+  const JobTask& task = core.ledger().task(known.ref);
+  const Sha256 key = *task.key;
+  const bool usable = stored == Stored::kYes || (stored == Stored::kUnknown && !task.remaking);
   v1::Record record;
   v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();
   succeeded.set_task(TaskName(known.ref));
   succeeded.set_key(key.Hex());
   succeeded.set_reused(true);
   AddFiles(known.outputs, succeeded.mutable_outputs());
-  if (!lost && core.Commit(record).ok()) return;
+  if (usable && core.Commit(record).ok()) return;
   core.ledger().results().Forget(key);
   PutBack(core, known.ref);
 }
@@ -93,14 +109,12 @@ bool ReuseResults(DispatchCore& core) {
       for (const StoredFile& output : each.outputs) digests.push_back(output.digest());
     }
     const std::vector<Status> stored = core.environment().blobs->StatMany(digests);
-    auto status = stored.begin();
+    size_t next = 0;
     for (const KnownResult& each : known) {
-      bool lost = false;
-      for (size_t i = 0; i < each.outputs.size(); ++i, ++status) {
-        lost = lost || absl::IsNotFound(*status) || absl::IsInvalidArgument(*status);
-      }
+      const Stored of_result = StoredOf(absl::MakeConstSpan(stored).subspan(next, each.outputs.size()));
+      next += each.outputs.size();
       std::lock_guard lock(core.mutex());
-      Decide(core, each, lost);
+      Decide(core, each, of_result);
     }
   }
 }

@@ -37,10 +37,11 @@ class WatchedBlobs final : public BlobStore {
   // Counts calls by threads that hold the mutex.
   void Watch(std::mutex* mutex) { watched_ = mutex; }
 
-  // From now on calls wait for Release.
-  void Hold() {
+  // From now on calls wait for Release, except the first `passing` ones.
+  void Hold(int passing = 0) {
     std::lock_guard lock(mutex_);
     holds_ = true;
+    passing_ = passing;
   }
   void Release() {
     std::lock_guard lock(mutex_);
@@ -140,6 +141,7 @@ class WatchedBlobs final : public BlobStore {
       if (Answering::depth_ > 0) ++store_.while_answering_;
       store_.most_open_ = std::max(store_.most_open_, ++store_.open_);
       store_.changed_.notify_all();
+      if (store_.passing_-- > 0) return;
       store_.changed_.wait(lock, [&] { return !store_.holds_; });
     }
     ~Call() {
@@ -162,7 +164,7 @@ class WatchedBlobs final : public BlobStore {
   mutable std::condition_variable changed_;
   bool holds_ = false;
   Status stat_;
-  mutable int calls_ = 0, open_ = 0, most_open_ = 0, under_mutex_ = 0, while_answering_ = 0;
+  mutable int passing_ = 0, calls_ = 0, open_ = 0, most_open_ = 0, under_mutex_ = 0, while_answering_ = 0;
 };
 
 }  // namespace tessera

@@ -89,7 +89,7 @@ TEST_F(TaskFilesTest, InputsOfEqualContentAreFetchedOnce) {
 TEST_F(TaskFilesTest, AllLostInputsAreReportedInOrder) {
   const Digest gone{std::string(64, 'a'), 5}, damaged = inputs_[11].digest;
   inputs_[30].digest = gone;
-  coordinator_.blobs().Replace(damaged, "other bytes");
+  coordinator_.blobs().Replace(damaged, "CONTENT OF 11");
   const Failure failure = FailureOf(Bring());
   EXPECT_EQ(failure.failure_class, FailureClass::kLostInput);
   EXPECT_THAT(failure.message, HasSubstr("input sub/11: "));
