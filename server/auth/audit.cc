@@ -55,7 +55,7 @@ std::string_view Action(std::string_view method) { return method.substr(method.r
 bool IsAudited(std::string_view method) {
   if (!method.starts_with("/tessera.v1.")) return false;
   for (const char* const action : {"CreateJob", "ExportJob", "CancelJob", "ChangeJob", "RetryJob", "DeleteJob",
-                                   "RegisterWorker", "UnregisterWorker", "WriteBlob"}) {
+                                   "RegisterWorker", "UnregisterWorker", "WriteBlob", "CompleteTransfer"}) {
     if (Action(method) == action) return true;
   }
   return false;
@@ -73,6 +73,10 @@ std::optional<LogFields> AuditedRequest(std::string_view method, const MessageLi
   if (const auto* deletion = As<v1::DeleteJobRequest>(message)) return LogFields{{"job", deletion->name()}};
   if (const auto* registration = As<v1::RegisterWorkerRequest>(message)) return OfRegister(*registration);
   if (const auto* leave = As<v1::UnregisterWorkerRequest>(message)) return LogFields{{"worker", leave->worker()}};
+  if (const auto* completed = As<v1::CompleteTransferRequest>(message)) {
+    return LogFields{{"blob", completed->digest().sha256()},
+                     {"bytes", std::to_string(completed->digest().size_bytes())}};
+  }
   if (const auto* write = As<v1::WriteBlobRequest>(message)) {
     return LogFields{{"blob", write->digest().sha256()}, {"bytes", std::to_string(write->digest().size_bytes())}};
   }

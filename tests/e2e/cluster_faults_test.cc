@@ -6,6 +6,7 @@
 #include <sqlite3.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <thread>
 
@@ -21,6 +22,13 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing::HasSubstr;
+
+// Whether the scene was read and the tasks of its tiles are planned.
+bool HasTiles(Cluster& cluster, const std::string& job) {
+  const std::vector<v1::Task> tasks = cluster.Tasks(job);
+  return std::any_of(tasks.begin(), tasks.end(),
+                     [](const v1::Task& task) { return task.kind() != "inspect" && task.kind() != "ingest"; });
+}
 
 // A worker that does what the test says.
 class ScriptedWorker {
@@ -105,7 +113,7 @@ TEST_F(ClusterFaultsTest, JobSurvivesTemporaryJournalFailure) {
   Cluster cluster(folder_.path());
   const std::string job = cluster.Submit(ToyCity(), 4).name();
   cluster.AddWorker();
-  ASSERT_TRUE(WaitUntil([&] { return cluster.Tasks(job).size() > 1; }));
+  ASSERT_TRUE(WaitUntil([&] { return HasTiles(cluster, job); }));
   sqlite3* db = nullptr;
   ASSERT_EQ(sqlite3_open((cluster.data() + "/state.sqlite").c_str(), &db), SQLITE_OK);
   sqlite3_busy_timeout(db, 10'000);
@@ -199,7 +207,7 @@ TEST_F(ClusterFaultsTest, FailingTileIsQuarantinedAndCanBeRetried) {
   };
   const std::string job = cluster.Submit(ToyCity(), 4).name();
   Program& reader = cluster.AddWorker();
-  ASSERT_TRUE(WaitUntil([&] { return cluster.Tasks(job).size() > 1; }));  // the city is read
+  ASSERT_TRUE(WaitUntil([&] { return HasTiles(cluster, job); }));
   reader.Signal(SIGTERM);
   reader.Wait();
   ScriptedWorker small(cluster.address());

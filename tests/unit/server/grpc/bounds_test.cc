@@ -109,6 +109,8 @@ class BoundsTest : public ServerTest {
   static constexpr int kMany = 1300;
   BoundsTest() {
     server_->Shutdown(1);
+    Restart();  // a coordinator whose server was shut down has ended
+    environment_.coordinator = coordinator_.get();
     environment_.transfers = &signing_.transfers;
     Start();
     for (int i = 1; i < kMany; ++i) {

@@ -48,7 +48,9 @@ class LateDigests final : public DigestCache {
 
 class LateStoreTest : public ServerTest {
  protected:
-  LateStoreTest() {
+  LateStoreTest() { StartAgain(); }
+  // With the environment as it is now. A coordinator whose server was shut down has ended.
+  void StartAgain() {
     server_->Shutdown(1);
     coordinator_ = *Coordinator::Open({&store_, &watched_, &planner_, &clock_, {}}, options_);
     environment_.coordinator = coordinator_.get();
@@ -126,14 +128,13 @@ TEST_F(LateStoreTest, ReportsAreAnsweredWhileNoStoreCallReturns) {
 
 TEST_F(LateStoreTest, CallsAreAnsweredWhileScenesAreRead) {
   environment_.digests = &digests_;
-  server_->Shutdown(1);
-  Start();
+  StartAgain();
   const std::string worker = Register().worker();
-  std::vector<std::future<bool>> created;
+  std::vector<std::future<Status>> created;
   for (int i = 0; i < kCalls; ++i) {
     created.push_back(std::async(std::launch::async, [&] {
       v1::Job job;
-      return CreateJob(&job).ok();
+      return FromGrpc(CreateJob(&job));
     }));
   }
   EXPECT_TRUE(digests_.AwaitWaiting(kCalls));
@@ -144,7 +145,10 @@ TEST_F(LateStoreTest, CallsAreAnsweredWhileScenesAreRead) {
   EXPECT_TRUE(jobs_->ListJobs(&context, {}, &jobs).ok());
   EXPECT_EQ(jobs.jobs_size(), 0);
   digests_.Release();
-  for (std::future<bool>& each : created) EXPECT_TRUE(each.get());
+  for (std::future<Status>& each : created) {
+    const Status status = each.get();
+    EXPECT_TRUE(status.ok()) << status;
+  }
 }
 
 // The blob store is asked for abandoned uploads when a client has too many; others watch and transfer meanwhile.
