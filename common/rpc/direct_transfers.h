@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/s3/s3_client.h"

@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 #include "common/base/status.h"
 #include "common/s3/http_client.h"
 

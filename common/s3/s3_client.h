@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "common/base/clock.h"
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 #include "common/base/status.h"
 #include "common/s3/s3_credentials.h"
 #include "common/s3/s3_location.h"

@@ -14,7 +14,7 @@
 #include "absl/time/time.h"
 #include "common/base/json_bounds.h"
 #include "common/base/printable.h"
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 #include "common/s3/aws_profile.h"
 #include "common/s3/credential_process.h"
 #include "common/s3/http_client.h"

@@ -6,13 +6,6 @@
 
 namespace tessera {
 
-std::vector<Status> BlobStore::StatMany(const std::vector<Digest>& digests) const {
-  std::vector<Status> found(digests.size());
-  ConcurrentForEach(static_cast<int64_t>(digests.size()), kCallsAtOnce,
-                    [&](int64_t i) { found[i] = Stat(digests[i]); });
-  return found;
-}
-
 StatusOr<std::string> BlobStore::Read(const Digest& digest, int64_t max_bytes) const {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   if (digest.size_bytes > max_bytes) {
@@ -40,6 +33,13 @@ StatusOr<BlobStore::Removed> BlobStore::RemoveAll(const std::vector<BlobEntry>& 
     for (const FreeBytes& free_bytes : each) free_bytes();
   };
   return removed;
+}
+
+std::vector<Status> StatMany(const BlobStore& blobs, const std::vector<Digest>& digests) {
+  std::vector<Status> found(digests.size());
+  ConcurrentForEach(static_cast<int64_t>(digests.size()), BlobStore::kCallsAtOnce,
+                    [&](int64_t i) { found[i] = blobs.Stat(digests[i]); });
+  return found;
 }
 
 }  // namespace tessera

@@ -48,8 +48,6 @@ class BlobStore {
   // Checks that the blob exists and has the digest's size. Does not read the content.
   virtual Status Stat(const Digest& digest) const = 0;
   bool Has(const Digest& digest) const { return Stat(digest).ok(); }
-  // Stat of each digest, in their order, with several calls at once.
-  std::vector<Status> StatMany(const std::vector<Digest>& digests) const;
   // Up to `size_bytes` bytes from `offset_bytes`; fewer only at the end of the blob. Not verified.
   virtual StatusOr<std::string> ReadRange(const Digest& digest, int64_t offset_bytes, int64_t size_bytes) const = 0;
   // The whole content, verified. RESOURCE_EXHAUSTED if it is larger than `max_bytes`.
@@ -117,5 +115,8 @@ class BlobStore {
   // false. A remote store that does not remove within about 3 s returns an error, and removes nothing later.
   virtual StatusOr<Removed> RemoveAll(const std::vector<BlobEntry>& entries, const std::function<bool()>& may_remove);
 };
+
+// Stat of each digest, in their order, with several calls at once.
+std::vector<Status> StatMany(const BlobStore& blobs, const std::vector<Digest>& digests);
 
 }  // namespace tessera

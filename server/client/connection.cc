@@ -8,7 +8,7 @@
 #include <mutex>
 
 #include "common/base/refusal.h"
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/status_conversion.h"
 #include "server/client/job_text.h"

@@ -1,7 +1,7 @@
 // Counts interrupts (Ctrl-C) so that commands can stop in order.
 #pragma once
 
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 
 namespace tessera {
 

@@ -8,7 +8,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 #include "common/storage/files.h"
 #include "server/client/child_process.h"
 

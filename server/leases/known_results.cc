@@ -108,7 +108,7 @@ bool ReuseResults(DispatchCore& core) {
     for (const KnownResult& each : known) {
       for (const StoredFile& output : each.outputs) digests.push_back(output.digest());
     }
-    const std::vector<Status> stored = core.environment().blobs->StatMany(digests);
+    const std::vector<Status> stored = StatMany(*core.environment().blobs, digests);
     size_t next = 0;
     for (const KnownResult& each : known) {
       const Stored of_result = StoredOf(absl::MakeConstSpan(stored).subspan(next, each.outputs.size()));

@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/printable.h"
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 
 namespace tessera {
 namespace {

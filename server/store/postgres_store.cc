@@ -9,7 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "common/access/secrets.h"
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 #include "common/storage/hash.h"
 #include "server/store/postgres_connection.h"
 #include "server/store/postgres_lease.h"

@@ -9,7 +9,7 @@
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/rpc/channel.h"
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 #include "worker/agent/coordinator_link.h"
 #include "worker/tasks/task.h"
 

@@ -59,10 +59,11 @@ std::string WithoutTemplateArguments(const std::string& statement) {
   return out;
 }
 
-// Whether a member's declaration, up to its ; or {, is that of a function that somebody wrote.
+// Whether a member's declaration, up to its ; or {, is that of a function that somebody wrote. The number of overrides
+// is that of the interface, which is counted.
 bool IsMethod(const std::string& statement) {
   static const std::regex other(R"(^\s*(using|friend|typedef|static_assert|enum|class|struct|template\s*class)\b)");
-  static const std::regex not_written(R"(=\s*(delete|default)\s*$)");
+  static const std::regex not_written(R"((=\s*(delete|default)|\boverride)\s*$)");
   if (std::regex_search(statement, other) || std::regex_search(statement, not_written)) return false;
   const std::string plain = WithoutTemplateArguments(statement);
   const size_t parenthesis = plain.find('(');
@@ -215,6 +216,8 @@ class A final : public Base, private Other<int> {
   static StatusOr<std::unique_ptr<A>> Open(const std::string& path,
                                            Options options = {});
   virtual void Run() = 0;
+  void Stop() override;
+  int Size() const override { return 1; }
   bool operator<(const A& other) const { return a_ < other.a_; }
   template <class T>
   void Visit(const T& visit) {

@@ -1,4 +1,4 @@
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 
 #include <gtest/gtest.h>
 

@@ -43,13 +43,21 @@ class NamedServer final : public v1::Blobs::Service {
   std::unique_ptr<grpc::Server> server_;
 };
 
-// The name of the server that answers, or why none does. Waits for a connection if `wait`.
+// The name of the server that answers, or why none does. If `wait`, waits for a connection, and calls again where the
+// connection ended during the call.
 std::string AnsweredBy(const std::shared_ptr<grpc::Channel>& channel, bool wait = true) {
-  grpc::ClientContext context;
-  SetDeadline(context, 20);
-  context.set_wait_for_ready(wait);
-  v1::StatBlobsResponse response;
-  return v1::Blobs::NewStub(channel)->StatBlobs(&context, v1::StatBlobsRequest(), &response).error_message();
+  const auto call = [&] {
+    grpc::ClientContext context;
+    SetDeadline(context, 20);
+    context.set_wait_for_ready(wait);
+    v1::StatBlobsResponse response;
+    return v1::Blobs::NewStub(channel)->StatBlobs(&context, v1::StatBlobsRequest(), &response);
+  };
+  grpc::Status status = call();
+  for (int again = 0; wait && again < 100 && status.error_code() == grpc::StatusCode::UNAVAILABLE; ++again) {
+    status = call();
+  }
+  return status.error_message();
 }
 
 int FreePort() { return NamedServer("for its port").port(); }

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "common/base/refusal.h"
-#include "common/base/retry.h"
+#include "common/base/retry/retry.h"
 
 namespace tessera {
 namespace {

@@ -18,7 +18,7 @@ TEST(StatMany, AsksAboutSeveralBlobsAtOnceAndAnswersInOrder) {
     ASSERT_TRUE(i % 3 == 0 || memory.PutBytes(content).ok());
   }
   blobs.Hold();
-  auto found = std::async(std::launch::async, [&] { return blobs.StatMany(digests); });
+  auto found = std::async(std::launch::async, [&] { return StatMany(blobs, digests); });
   EXPECT_TRUE(blobs.AwaitHeld(BlobStore::kCallsAtOnce));
   blobs.Release();
   const std::vector<Status> stored = found.get();
@@ -28,7 +28,7 @@ TEST(StatMany, AsksAboutSeveralBlobsAtOnceAndAnswersInOrder) {
   }
   EXPECT_EQ(blobs.most_at_once(), BlobStore::kCallsAtOnce);
   EXPECT_EQ(blobs.calls(), 50);
-  EXPECT_TRUE(blobs.StatMany({}).empty());
+  EXPECT_TRUE(StatMany(blobs, {}).empty());
 }
 
 }  // namespace

@@ -289,7 +289,9 @@ TEST_F(StoreCallsTest, ReportGoesOnWhileBlobsAreRemovedAndItsBlobStays) {
     ASSERT_EQ(::utimensat(AT_FDCWD, blobs_->LocalPath(output.digest)->c_str(), long_ago, 0), 0);
   }
   for (int part = 0; part < BlobStore::kParts; ++part) {
-    for (const BlobEntry& entry : blobs_->List(part)) doomed.push_back(entry);
+    const auto entries = blobs_->List(part);
+    ASSERT_TRUE(entries.ok()) << entries.status();
+    doomed.insert(doomed.end(), entries->begin(), entries->end());
   }
   ASSERT_EQ(doomed.size(), 2u);
   watched_.Hold();

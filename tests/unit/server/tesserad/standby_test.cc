@@ -162,7 +162,7 @@ TEST_F(SharedStateTest, StandbyWithOtherStorageIsRefusedAtOnce) {
        {std::vector<std::string>{}, {"/srv/cities"}, {"/srv/cities", "/srv/town"}}) {
     const Status roots = StandBy({blobs_.get(), lacking}, 100).status();
     EXPECT_EQ(roots.code(), absl::StatusCode::kInvalidArgument) << roots;
-    EXPECT_THAT(std::string(roots.message()), HasSubstr("/srv/towns as well"));
+    EXPECT_THAT(std::string(roots.message()), HasSubstr("as well, which the active coordinator has"));
   }
   for (const std::vector<std::string>& enough : {std::vector<std::string>{"/"}, {"/srv/towns", "/srv/cities", "/a"}}) {
     EXPECT_TRUE(StandBy({blobs_.get(), enough}, 1).ok());
