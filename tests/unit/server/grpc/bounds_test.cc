@@ -108,9 +108,8 @@ class BoundsTest : public ServerTest {
  protected:
   static constexpr int kMany = 1300;
   BoundsTest() {
-    server_->Shutdown(1);
     environment_.transfers = &signing_.transfers;
-    Start();
+    RestartServer();
     for (int i = 1; i < kMany; ++i) {
       NewJob job = AJob(1);
       job.client = std::to_string(i % 2);  // a client may have a thousand
