@@ -81,10 +81,7 @@ class AccessControlTest : public ServerTest {
     access_ = *Access::Open("key of workers", token_file_, &clock_);
     environment_.access = access_.get();
     environment_.transfers = &signing_.transfers;
-    server_->Shutdown(1);
-    Restart();
-    environment_.coordinator = coordinator_.get();
-    Start();
+    RestartServer();
   }
   // The server uses access_.
   ~AccessControlTest() override { server_.reset(); }

@@ -108,11 +108,8 @@ class BoundsTest : public ServerTest {
  protected:
   static constexpr int kMany = 1300;
   BoundsTest() {
-    server_->Shutdown(1);
-    Restart();  // a coordinator whose server was shut down has ended
-    environment_.coordinator = coordinator_.get();
     environment_.transfers = &signing_.transfers;
-    Start();
+    RestartServer();
     for (int i = 1; i < kMany; ++i) {
       NewJob job = AJob(1);
       job.client = std::to_string(i % 2);  // a client may have a thousand

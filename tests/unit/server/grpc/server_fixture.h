@@ -62,6 +62,14 @@ class ServerTest : public CoordinatorTest {
     blob_service_ = v1::Blobs::NewStub(channel_);
   }
 
+  // Starts the coordinator and its server again, with the present environment_.
+  void RestartServer() {
+    server_->Shutdown(1);
+    Restart();
+    environment_.coordinator = coordinator_.get();
+    Start();
+  }
+
   // The file's change time is long before the fake clock's time.
   void WriteScene(const std::string& name, const std::string& content, int age_hours = 1) {
     const std::string path = scene_ + "/" + name;

@@ -28,11 +28,10 @@ class TransfersTest : public ServerTest {
 
   // Restarts the server.
   void OpenTransfers(const BlobTransferOptions& options, std::optional<SignedHash> hash = SignedHash::kContent) {
-    server_->Shutdown(1);
     transfers_ = std::make_unique<BlobTransfers>(s3_->client.get(), remote_.get(), hash, options);
     environment_.transfers = transfers_.get();
     environment_.blobs = remote_.get();
-    Start();
+    RestartServer();
   }
   Status Send(const std::string& content, const Digest& digest) {
     const std::string path = folder_.path() + "/upload";
@@ -159,10 +158,9 @@ TEST_F(TransfersTest, OutageOfTheStoreIsToldWithItsReason) {
   S3Location nowhere = s3_->location;
   nowhere.endpoint = "http://127.0.0.1:1";
   const TestS3 other({}, nowhere);
-  server_->Shutdown(1);
   const BlobTransfers broken(other.client.get(), remote_.get(), SignedHash::kContent);
   environment_.transfers = &broken;
-  Start();
+  RestartServer();
   worker_ = Register().worker();
   ASSERT_TRUE(Lease(worker_).has_value());
   std::string reason;
