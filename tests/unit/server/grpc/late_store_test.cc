@@ -49,11 +49,8 @@ class LateDigests final : public DigestCache {
 class LateStoreTest : public ServerTest {
  protected:
   LateStoreTest() {
-    server_->Shutdown(1);
-    coordinator_ = *Coordinator::Open({&store_, &watched_, &planner_, &clock_, {}}, options_);
-    environment_.coordinator = coordinator_.get();
     environment_.blobs = &watched_;
-    Start();
+    StartAgain();
   }
   ~LateStoreTest() override {
     digests_.Release();
@@ -61,6 +58,15 @@ class LateStoreTest : public ServerTest {
     server_->Shutdown(1);
     server_.reset();
     coordinator_.reset();
+  }
+
+  // With the present environment_, and a new coordinator: the end of a server stops its coordinator.
+  void StartAgain() {
+    server_->Shutdown(1);
+    server_.reset();
+    coordinator_ = *Coordinator::Open({&store_, &watched_, &planner_, &clock_, {}}, options_);
+    environment_.coordinator = coordinator_.get();
+    Start();
   }
 
   Status Beat(const std::string& worker) {
@@ -126,8 +132,7 @@ TEST_F(LateStoreTest, ReportsAreAnsweredWhileNoStoreCallReturns) {
 
 TEST_F(LateStoreTest, CallsAreAnsweredWhileScenesAreRead) {
   environment_.digests = &digests_;
-  server_->Shutdown(1);
-  Start();
+  StartAgain();
   const std::string worker = Register().worker();
   std::vector<std::future<bool>> created;
   for (int i = 0; i < kCalls; ++i) {
