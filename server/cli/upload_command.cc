@@ -85,7 +85,7 @@ void AddUploadCommand(CLI::App& app, int* exit_code) {
   command->add_flag("--quiet", flags->quiet, "Print neither progress nor the summary");
   command->footer(
       "Sends several files at once and writes tessera.manifest.json last: name, size and SHA-256 of every file, and\n"
-      "the headers of images. A coordinator reads the manifest and opens no image. An interrupted upload goes on when\n"
+      "the headers of images. Jobs still read scenes from folders only. An interrupted upload goes on when\n"
       "repeated: files that lie there with the same size and hash are not sent again. Files and folders whose names\n"
       "begin with a dot are left out.\n"
       "Credentials are read as by AWS's tools: AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or the profile "
