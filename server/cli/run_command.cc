@@ -76,8 +76,8 @@ RunOutcome WaitForJob(LocalCluster& cluster, LocalJob& job, ProgressDisplay& dis
     for (; state.job != nullptr && warnings_seen < state.job->warnings_size(); ++warnings_seen) {
       outcome.warnings.push_back(state.job->warnings(warnings_seen));
     }
-    // Once the scene is accepted. If it is refused, the error comes first.
-    if (state.job != nullptr && state.job->tasks_total() > 1) {
+    // Once the scene is accepted, and tiles are planned. If it is refused, the error comes first.
+    if (state.job != nullptr && state.job->tiles_total() > 0) {
       for (const std::string& warning : ShortenMessages(std::exchange(outcome.warnings, {}))) {
         display.Note("warning: " + warning);
       }

@@ -209,10 +209,11 @@ Status Serve(const ServeOptions& options, const sigset_t& stop_signals) {
     }
     lock = *std::move(locked);
   }
+  const SystemClock clock;
+  TESSERA_RETURN_IF_ERROR(Access::Open("", options.token_file, &clock).status());  // before anything is begun
   SharedStorage storage;
   for (const std::string& root : options.scene_roots) storage.scene_roots.push_back(AbsolutePath(root));
   TESSERA_RETURN_IF_ERROR(AllowedFiles::Under(storage.scene_roots).status());
-  const SystemClock clock;
   TESSERA_ASSIGN_OR_RETURN(
       OpenedBlobs blobs, OpenBlobs(options.blobs, places.data, RetentionOptionsOf(options).collector.grace_s, &clock));
   storage.blobs = blobs.store.get();

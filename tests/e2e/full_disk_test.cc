@@ -59,6 +59,13 @@ TEST(FullDiskTest, JobSurvivesFullDisksOfStateBlobsAndScratch) {
   ASSERT_TRUE(told("journal writes succeed again"));
   ASSERT_TRUE(goes_on());
 
+  // While tiles are refined: earlier, the planning may wait for room in place of a worker.
+  ASSERT_TRUE(WaitUntil([&] {
+    const std::vector<v1::Task> tasks = cluster.Tasks(job);
+    return std::any_of(tasks.begin(), tasks.end(), [](const v1::Task& task) {
+      return task.kind() == "solve" && task.state() == v1::TASK_STATE_SUCCEEDED;
+    });
+  }));
   full.emplace(blobs);
   ASSERT_TRUE(WaitUntil([&] {
     const std::vector<v1::Task> tasks = cluster.Tasks(job);
