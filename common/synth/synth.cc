@@ -13,11 +13,11 @@
 #include "common/base/random.h"
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
-#include "common/synth/base_city.h"
-#include "common/synth/epoch_changes.h"
-#include "common/synth/mesh_spool.h"
-#include "common/synth/noise_calibration.h"
-#include "common/synth/sparse_points.h"
+#include "common/synth/city/base_city.h"
+#include "common/synth/city/epoch_changes.h"
+#include "common/synth/labels/noise_calibration.h"
+#include "common/synth/photos/sparse_points.h"
+#include "common/synth/start_mesh/mesh_spool.h"
 #include "common/synth/synth_scene_files.h"
 
 namespace tessera {

@@ -4,10 +4,10 @@
 #include <string>
 #include <vector>
 
-#include "common/synth/base_city.h"
-#include "common/synth/epoch_changes.h"
-#include "common/synth/flight.h"
-#include "common/synth/sparse_points.h"
+#include "common/synth/city/base_city.h"
+#include "common/synth/city/epoch_changes.h"
+#include "common/synth/photos/flight.h"
+#include "common/synth/photos/sparse_points.h"
 #include "common/synth/synth.h"
 
 namespace tessera {

@@ -11,7 +11,7 @@
 #include "common/base/clock.h"
 #include "common/base/elapsed.h"
 #include "common/base/parallel.h"
-#include "common/synth/epoch_changes.h"
+#include "common/synth/city/epoch_changes.h"
 #include "common/synth/synth.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"

@@ -118,10 +118,7 @@ TEST(Folders, AreSmall) {
       ++sources[fs::relative(entry.path().parent_path(), root).generic_string()];
     }
   }
-  for (const auto& [folder, count] : sources) {
-    if (folder == "common/synth") continue;
-    EXPECT_LE(count, kMaxSources) << folder;
-  }
+  for (const auto& [folder, count] : sources) EXPECT_LE(count, kMaxSources) << folder;
 }
 
 // The rules themselves.

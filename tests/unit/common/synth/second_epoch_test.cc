@@ -16,9 +16,9 @@
 #include "common/meshio/ply.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
-#include "common/synth/city_scene.h"
-#include "common/synth/epoch_changes.h"
-#include "common/synth/ring.h"
+#include "common/synth/city/city_scene.h"
+#include "common/synth/city/epoch_changes.h"
+#include "common/synth/city/ring.h"
 #include "common/synth/synth.h"
 #include "tests/unit/common/synth/all_files.h"
 

@@ -5,10 +5,10 @@
 #include <map>
 #include <set>
 
-#include "common/synth/marching_cubes.h"
-#include "common/synth/start_mesh.h"
-#include "common/synth/surface.h"
-#include "common/synth/terrain_grid.h"
+#include "common/synth/city/surface.h"
+#include "common/synth/city/terrain_grid.h"
+#include "common/synth/start_mesh/marching_cubes.h"
+#include "common/synth/start_mesh/start_mesh.h"
 
 namespace tessera {
 namespace {

@@ -16,7 +16,7 @@
 #include "common/meshio/ply.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
-#include "common/synth/flight.h"
+#include "common/synth/photos/flight.h"
 #include "tests/unit/common/synth/all_files.h"
 
 namespace tessera {

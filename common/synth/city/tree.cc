@@ -4,8 +4,8 @@
 #include <map>
 #include <vector>
 
+#include "common/synth/city/surface.h"
 #include "common/synth/noise.h"
-#include "common/synth/surface.h"
 
 namespace tessera {
 namespace {

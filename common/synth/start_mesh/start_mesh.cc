@@ -1,4 +1,4 @@
-#include "common/synth/start_mesh.h"
+#include "common/synth/start_mesh/start_mesh.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,9 +6,9 @@
 #include <unordered_map>
 
 #include "common/base/random.h"
-#include "common/synth/label_noise.h"
-#include "common/synth/marching_cubes.h"
+#include "common/synth/labels/label_noise.h"
 #include "common/synth/noise.h"
+#include "common/synth/start_mesh/marching_cubes.h"
 
 namespace tessera {
 namespace {

@@ -1,4 +1,4 @@
-#include "common/synth/noise_calibration.h"
+#include "common/synth/labels/noise_calibration.h"
 
 #include <algorithm>
 #include <cmath>

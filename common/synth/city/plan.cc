@@ -1,4 +1,4 @@
-#include "common/synth/plan.h"
+#include "common/synth/city/plan.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "common/geometry/mesh.h"
-#include "common/synth/plan.h"
-#include "common/synth/surface.h"
+#include "common/synth/city/plan.h"
+#include "common/synth/city/surface.h"
 
 namespace tessera {
 

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "common/geometry/mesh.h"
-#include "common/synth/plan.h"
+#include "common/synth/city/plan.h"
 
 namespace tessera {
 

@@ -1,4 +1,4 @@
-#include "common/synth/surface.h"
+#include "common/synth/city/surface.h"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "common/synth/ring.h"
+#include "common/synth/city/ring.h"
 
 #include <cmath>
 

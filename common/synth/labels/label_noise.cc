@@ -1,4 +1,4 @@
-#include "common/synth/label_noise.h"
+#include "common/synth/labels/label_noise.h"
 
 #include <algorithm>
 #include <array>

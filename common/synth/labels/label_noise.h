@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "common/synth/render.h"
+#include "common/synth/photos/render.h"
 
 namespace tessera {
 

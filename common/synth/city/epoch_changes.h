@@ -9,7 +9,7 @@
 
 #include "common/base/status.h"
 #include "common/job/change_kind.h"
-#include "common/synth/plan.h"
+#include "common/synth/city/plan.h"
 
 namespace tessera {
 

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/synth/plan.h"
-#include "common/synth/surface.h"
+#include "common/synth/city/plan.h"
+#include "common/synth/city/surface.h"
 
 namespace tessera {
 

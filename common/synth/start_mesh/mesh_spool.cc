@@ -1,4 +1,4 @@
-#include "common/synth/mesh_spool.h"
+#include "common/synth/start_mesh/mesh_spool.h"
 
 #include <numeric>
 #include <vector>

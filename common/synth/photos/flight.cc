@@ -1,4 +1,4 @@
-#include "common/synth/flight.h"
+#include "common/synth/photos/flight.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -3,8 +3,8 @@
 
 #include <Eigen/Core>
 
-#include "common/synth/plan.h"
-#include "common/synth/surface.h"
+#include "common/synth/city/plan.h"
+#include "common/synth/city/surface.h"
 
 namespace tessera {
 

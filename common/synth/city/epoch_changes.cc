@@ -1,4 +1,4 @@
-#include "common/synth/epoch_changes.h"
+#include "common/synth/city/epoch_changes.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,9 +11,9 @@
 #include "common/base/random.h"
 #include "common/geometry/ray_caster.h"
 #include "common/storage/files.h"
-#include "common/synth/ring.h"
-#include "common/synth/surface.h"
-#include "common/synth/terrain_grid.h"
+#include "common/synth/city/ring.h"
+#include "common/synth/city/surface.h"
+#include "common/synth/city/terrain_grid.h"
 
 namespace tessera {
 namespace {

@@ -1,4 +1,4 @@
-#include "common/synth/render.h"
+#include "common/synth/photos/render.h"
 
 #include <algorithm>
 #include <array>

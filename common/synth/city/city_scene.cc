@@ -1,11 +1,11 @@
-#include "common/synth/city_scene.h"
+#include "common/synth/city/city_scene.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
-#include "common/synth/texture.h"
+#include "common/synth/city/texture.h"
 
 namespace tessera {
 

@@ -4,8 +4,8 @@
 #include <array>
 #include <vector>
 
-#include "common/synth/city_scene.h"
-#include "common/synth/flight.h"
+#include "common/synth/city/city_scene.h"
+#include "common/synth/photos/flight.h"
 
 namespace tessera {
 

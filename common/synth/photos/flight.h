@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "common/imaging/camera.h"
-#include "common/synth/plan.h"
+#include "common/synth/city/plan.h"
 
 namespace tessera {
 

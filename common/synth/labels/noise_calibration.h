@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/synth/label_noise.h"
-#include "common/synth/start_mesh.h"
+#include "common/synth/labels/label_noise.h"
+#include "common/synth/start_mesh/start_mesh.h"
 
 namespace tessera {
 

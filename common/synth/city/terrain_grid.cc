@@ -1,4 +1,4 @@
-#include "common/synth/terrain_grid.h"
+#include "common/synth/city/terrain_grid.h"
 
 #include <algorithm>
 #include <cmath>

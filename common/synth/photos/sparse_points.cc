@@ -1,4 +1,4 @@
-#include "common/synth/sparse_points.h"
+#include "common/synth/photos/sparse_points.h"
 
 #include <algorithm>
 #include <cmath>

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "common/base/random.h"
-#include "common/synth/surface.h"
+#include "common/synth/city/surface.h"
 
 namespace tessera {
 namespace {

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "common/imaging/raster.h"
-#include "common/synth/city_scene.h"
-#include "common/synth/flight.h"
+#include "common/synth/city/city_scene.h"
+#include "common/synth/photos/flight.h"
 
 namespace tessera {
 

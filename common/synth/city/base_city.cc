@@ -1,4 +1,4 @@
-#include "common/synth/base_city.h"
+#include "common/synth/city/base_city.h"
 
 #include <algorithm>
 #include <filesystem>

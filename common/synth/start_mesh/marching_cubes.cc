@@ -1,4 +1,4 @@
-#include "common/synth/marching_cubes.h"
+#include "common/synth/start_mesh/marching_cubes.h"
 
 #include <algorithm>
 

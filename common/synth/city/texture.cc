@@ -1,4 +1,4 @@
-#include "common/synth/texture.h"
+#include "common/synth/city/texture.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "common/geometry/ray_caster.h"
-#include "common/synth/plan.h"
-#include "common/synth/surface.h"
-#include "common/synth/terrain_grid.h"
+#include "common/synth/city/plan.h"
+#include "common/synth/city/surface.h"
+#include "common/synth/city/terrain_grid.h"
 
 namespace tessera {
 
