@@ -55,7 +55,7 @@ function(tessera_test DIR)
     message(FATAL_ERROR "tessera_test(${DIR}): no tests/${DIR}/*_test.cc")
   endif()
   add_executable(${name} ${sources})
-  target_link_libraries(${name} PRIVATE tessera_options ${ARG_DEPS} GTest::gmock GTest::gtest_main)
+  target_link_libraries(${name} PRIVATE tessera_options ${ARG_DEPS} tessera_test_main GTest::gmock)
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
   set(properties TIMEOUT ${ARG_TIMEOUT})
   if(ARG_LABELS)  # gtest_discover_tests would take the next property for an empty value

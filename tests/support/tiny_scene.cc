@@ -319,9 +319,7 @@ std::string FreshTestFolder(const std::string& name) {
   std::string unique = name;
   if (test != nullptr) unique = std::string(test->test_suite_name()) + "." + test->name() + "." + name;
   std::replace(unique.begin(), unique.end(), '/', '_');
-  // Two builds may run the same test at once.
-  const size_t build = std::hash<std::string>()(std::filesystem::read_symlink("/proc/self/exe").string()) % 100000;
-  const std::string folder = testing::TempDir() + "/tessera" + std::to_string(build) + "/" + unique;
+  const std::string folder = testing::TempDir() + unique;
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder);
   return folder;

@@ -1,8 +1,5 @@
-#include <unistd.h>
-
 #include <filesystem>
 
-#include "absl/strings/str_cat.h"
 #include "common/synth/synth.h"
 #include "gtest/gtest.h"
 #include "tests/support/bent_scene/bent_scene.h"
@@ -15,7 +12,7 @@ namespace fs = std::filesystem;
 
 // Of this process alone; removed when it ends.
 struct BaseFolder {
-  std::string path = absl::StrCat(testing::TempDir(), "/tessera_bent_base.", getpid());
+  std::string path = testing::TempDir() + "bent_base";
   BaseFolder() {
     fs::remove_all(path);
     SynthOptions options;

@@ -1,6 +1,5 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <filesystem>
@@ -29,7 +28,7 @@ using Eigen::AlignedBox2d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-std::string Scratch() { return testing::TempDir() + "second_epoch_test." + std::to_string(::getpid()) + "/"; }
+std::string Scratch() { return testing::TempDir() + "second_epoch_test/"; }
 
 // Five by five blocks, and the default part.
 const CityPlan& Plan() {

@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -32,8 +31,7 @@ SynthOptions Toy(uint64_t seed) {
   return options;
 }
 
-// A folder per process, because tests may run in several processes at once.
-std::string OwnFolder() { return testing::TempDir() + "synth_test." + std::to_string(::getpid()) + "/"; }
+std::string OwnFolder() { return testing::TempDir() + "synth_test/"; }
 
 // One toy city for all tests that only read it.
 class SynthTest : public testing::Test {
