@@ -259,7 +259,8 @@ std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView
   Eigen::Matrix2d jacobian;
   jacobian << right, down;
   const Eigen::Matrix2d back = jacobian.inverse();
-  const auto derivative = [&](const PosedCamera& a, const PosedCamera& b, const SurfacePoint& p, double step) {
+  const auto derivative = [&back, centre = centre, at = at](const PosedCamera& a, const PosedCamera& b,
+                                                           const SurfacePoint& p, double step) {
     const Eigen::Vector3d q = PlaneHomography(a, b, p) * Eigen::Vector3d(centre.x(), centre.y(), 1);
     return Eigen::Vector2d(back * (q.hnormalized() - at) / step);
   };

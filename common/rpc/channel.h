@@ -37,6 +37,7 @@ struct Endpoint {
   std::string tls_ca;
   std::string tls_cert, tls_key;  // of the caller, for mutual TLS
   std::string token_file;
+  std::string store_ca;  // certificate authorities of the coordinator's object store, PEM; empty: the system's
 };
 
 // unix:PATH of the socket in DefaultDataFolder(), on which tesserad listens by default.

@@ -47,6 +47,9 @@ std::function<Status(int64_t)> ProgressOf(const Digest& digest, const TaskContro
   };
 }
 
+// The URL without its signature.
+std::string_view PlaceOf(std::string_view url) { return url.substr(0, url.find('?')); }
+
 // What a retry of the same request cannot change, but time or a person can.
 Status AsOutage(const Status& status) {
   return absl::UnavailableError(absl::StrCat("the object store: ", std::string(status.message())));
@@ -144,8 +147,10 @@ Status DirectTransfers::FetchRest(const Digest& digest, BlobStore& store, const 
 
 std::optional<Status> DirectTransfers::Fetch(const Digest& digest, BlobStore& store, const TaskControl& control) {
   const auto committed = [&] { return store.CommittedBytes(digest).value_or(0); };
+  std::optional<SignedRequest> checked_request;
   for (bool denied = false;;) {
-    const auto request = RequestFor(digest, false);
+    const auto request = checked_request ? StatusOr<std::optional<SignedRequest>>(checked_request)
+                                         : RequestFor(digest, false);
     if (!request.ok()) return request.status();
     if (!request->has_value()) return std::nullopt;
     const int64_t before = committed();
@@ -161,6 +166,11 @@ std::optional<Status> DirectTransfers::Fetch(const Digest& digest, BlobStore& st
       case absl::StatusCode::kInvalidArgument: {  // the object is shorter than the offset
         const auto checked = RequestFor(digest, true);
         if (!checked.ok()) return checked.status();
+        // The same file of another scene.
+        if (!checked_request && *checked && PlaceOf((*checked)->url) != PlaceOf((*request)->url)) {
+          checked_request = *checked;
+          continue;
+        }
         if (absl::IsDataLoss(status)) return status;
         return AsOutage(status);
       }

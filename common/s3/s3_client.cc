@@ -321,6 +321,18 @@ StatusOr<SignedRequest> S3Client::SignPart(const std::string& key, const std::st
   return impl_->Sign(std::move(request), seconds);
 }
 
+void AddCounts(const std::map<std::string, S3Counts>& counts, std::map<std::string, S3Counts>* sum) {
+  for (const auto& [method, more] : counts) {
+    S3Counts& of_method = (*sum)[method];
+    of_method.calls += more.calls;
+    of_method.retries += more.retries;
+    of_method.errors += more.errors;
+    of_method.sent_bytes += more.sent_bytes;
+    of_method.received_bytes += more.received_bytes;
+    of_method.seconds += more.seconds;
+  }
+}
+
 std::map<std::string, S3Counts> S3Client::counts() const {
   const std::lock_guard lock(impl_->mutex);
   return impl_->counts;

@@ -48,6 +48,9 @@ struct S3Counts {
   double seconds = 0;
 };
 
+// Adds the counts to those of the same methods in `sum`.
+void AddCounts(const std::map<std::string, S3Counts>& counts, std::map<std::string, S3Counts>* sum);
+
 struct S3PutCondition {
   // If-None-Match: *; FAILED_PRECONDITION if the key exists. A request that is repeated because its answer was lost may
   // find its own object.

@@ -1,6 +1,7 @@
 #include "common/scene/manifest.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/ascii.h"
@@ -72,8 +73,18 @@ StatusOr<ManifestFile> ReadEntry(const Json& json, const std::string& file, cons
     reader.Fail("name", absl::StrCat("'", Printable(Prefix(entry.name, 100)), "'"), "a path inside the scene");
   }
   if (!CheckDigest(entry.digest).ok()) reader.Fail("sha256", "another text", "64 lower-case hex digits");
-  if (json.contains("fault")) entry.fault = Printable(reader.Text("fault", kMaxFaultBytes));
   TESSERA_RETURN_IF_ERROR(reader.status());
+  if (json.contains("modified_ns")) entry.modified_ns = reader.Number("modified_ns", 0, INT64_MAX);
+  TESSERA_RETURN_IF_ERROR(reader.status());
+  if (const auto fault = json.find("fault"); fault != json.end()) {
+    const std::string fault_place = place + ".fault";
+    if (!fault->is_object()) return InputError(file, fault_place, "no object", "an object with found and expected");
+    EntryReader parts(*fault, file, fault_place);
+    entry.fault = InputFault{"", Printable(parts.Text("location", kMaxFaultBytes)),
+                             Printable(parts.Text("found", kMaxFaultBytes)),
+                             Printable(parts.Text("expected", kMaxFaultBytes))};
+    TESSERA_RETURN_IF_ERROR(parts.status());
+  }
   const auto image = json.find("image");
   if (image == json.end()) return entry;
   const std::string image_place = place + ".image";
@@ -94,11 +105,28 @@ bool ByName(const ManifestFile& a, const ManifestFile& b) { return a.name < b.na
 
 }  // namespace
 
+bool IsPartOfScene(const std::string& name) {
+  return name != kManifestName && !absl::StartsWith(name, ".") && !absl::StrContains(name, "/.") &&
+         !absl::EndsWith(name, "/");  // objects of such names stand for folders
+}
+
+bool IsOfCameraModel(const std::string& name) {
+  const std::filesystem::path path(name);
+  const std::string extension = path.extension().string(), stem = path.stem().string();
+  return (extension == ".bin" || extension == ".txt") &&
+         (stem == "cameras" || stem == "images" || stem == "frames" || stem == "rigs");
+}
+
 const ManifestFile* FindFile(const SceneManifest& manifest, const std::string& name) {
   const auto found =
       std::lower_bound(manifest.files.begin(), manifest.files.end(), name,
                        [](const ManifestFile& file, const std::string& text) { return file.name < text; });
   return found != manifest.files.end() && found->name == name ? &*found : nullptr;
+}
+
+Status FaultOf(const ManifestFile& file, const std::string& folder) {
+  if (!file.fault) return absl::OkStatus();
+  return InputError(folder + file.name, file.fault->location, file.fault->found, file.fault->expected);
 }
 
 StatusOr<SceneManifest> ParseManifest(const std::string& text, const std::string& file) {
@@ -144,7 +172,12 @@ std::string ToJson(SceneManifest manifest) {
                       ", \"alpha\": ", file.image->has_alpha ? "true" : "false",
                       ", \"orientation\": ", file.image->orientation, "}");
     }
-    if (!file.fault.empty()) absl::StrAppend(&text, ", \"fault\": ", JsonQuoted(file.fault));
+    if (file.fault) {
+      absl::StrAppend(&text, ", \"fault\": {\"location\": ", JsonQuoted(file.fault->location),
+                      ", \"found\": ", JsonQuoted(file.fault->found),
+                      ", \"expected\": ", JsonQuoted(file.fault->expected), "}");
+    }
+    if (file.modified_ns > 0) absl::StrAppend(&text, ", \"modified_ns\": ", file.modified_ns);
     text += "}";
     separator = ",\n";
   }
@@ -166,10 +199,15 @@ void ReadImageFacts(const std::string& path, ManifestFile* file) {
   const StatusOr<ImageHeader> header = ReadImageHeader(path);
   if (header.ok()) {
     file->image = *header;
-  } else {
-    const std::string message = absl::StrReplaceAll(header.status().message(), {{path, file->name}});
-    file->fault = std::string(Prefix(Printable(message), kMaxFaultBytes));
+    return;
   }
+  const auto text = [&](const std::string& part) {
+    return std::string(Prefix(Printable(absl::StrReplaceAll(part, {{path, file->name}})), kMaxFaultBytes));
+  };
+  const std::vector<InputFault> faults = FaultsOf(header.status());
+  const InputFault fault =
+      faults.empty() ? InputFault{"", "", std::string(header.status().message()), "an image"} : faults.front();
+  file->fault = InputFault{"", text(fault.location), text(fault.found), text(fault.expected)};
 }
 
 }  // namespace tessera

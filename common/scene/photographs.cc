@@ -162,7 +162,8 @@ Status ChooseWhiteLevels(const std::vector<uint8_t>& is_read, const TaskControl&
                          Warnings* warnings, const std::map<std::string, int>& known) {
   std::map<int, std::vector<size_t>> flights;
   for (size_t v = 0; v < scene->views.size(); ++v) flights[scene->views[v].flight].push_back(v);
-  for (const auto& [flight, views] : flights) {
+  for (const auto& entry : flights) {
+    const std::vector<size_t>& views = entry.second;
     int level = 0;
     for (const size_t v : views) level = is_read[v] ? level : std::max(level, scene->views[v].white_level);
     std::vector<size_t> wide;  // views with 16-bit images

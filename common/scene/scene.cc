@@ -296,32 +296,22 @@ class SceneLoader {
     if (options_.to_be_classified) {
       scene_.has_likelihoods = true;
       if (options_.by_default_rule) WarnOfDefault();
-      if (IsFolder(Full(json_.likelihoods.path))) {
+      if (HasElsewhere(json_.likelihoods.path) || IsFolder(Full(json_.likelihoods.path))) {
         Warn(absl::StrCat(json_.likelihoods.path, ": not used, because the job computes likelihoods from the images"));
       }
       return;
     }
     const std::string folder = json_.likelihoods.path;
-    std::vector<std::string> names;
-    for (const std::string& file : options_.elsewhere) {
-      if (file.starts_with(folder + "/")) names.push_back(file.substr(folder.size() + 1));
-    }
-    const bool is_folder = IsFolder(Full(folder));
-    if (names.empty() && !is_folder) {
+    if (!HasElsewhere(folder) && !IsFolder(Full(folder))) {
       if (json_.likelihoods.given) {
         faults_.Add(InputError(Full(folder), "", "no such folder", "the likelihoods that scene.json names"));
       }
       return;
     }
-    if (is_folder) {
-      const StatusOr<std::vector<std::string>> files = options_.allowed.List(Full(folder));
-      if (!files.ok()) return faults_.Add(files.status());
-      names.insert(names.end(), files->begin(), files->end());
-    }
-    std::sort(names.begin(), names.end());
-    names.erase(std::unique(names.begin(), names.end()), names.end());
+    const StatusOr<std::vector<std::string>> names = ListScene(folder);
+    if (!names.ok()) return faults_.Add(names.status());
     std::map<std::string, std::vector<std::string>> by_stem, stems_of_lower;
-    for (const std::string& file : names) {
+    for (const std::string& file : *names) {
       const std::string extension = absl::AsciiStrToLower(fs::path(file).extension().string());
       if (extension == ".tif" || extension == ".tiff" || extension == ".npy" || extension == ".png") {
         by_stem[WithoutExtension(file)].push_back(file);
@@ -379,27 +369,33 @@ class SceneLoader {
   }
 
   void FindMesh() {
-    if (options_.elsewhere.contains(json_.mesh.path)) {
-      scene_.mesh_path = json_.mesh.path;
-      scene_.files.push_back(json_.mesh.path);
-      scene_.mesh_has_labels = true;  // not checked here; the base job has checked its mesh
-      return;
-    }
-    if (!options_.allowed.Exists(Full(json_.mesh.path)) || IsFolder(Full(json_.mesh.path))) {
+    const std::string& path = json_.mesh.path;
+    StatusOr<std::string> head = std::string();
+    if (options_.elsewhere.contains(path)) {
+      const auto known = options_.heads_elsewhere.find(path);
+      if (known == options_.heads_elsewhere.end()) {
+        scene_.mesh_path = path;
+        scene_.files.push_back(path);
+        scene_.mesh_has_labels = true;  // not checked here; the base job has checked its mesh
+        return;
+      }
+      head = known->second;
+    } else if (!options_.allowed.Exists(Full(path)) || IsFolder(Full(path))) {
       scene_.mesh_has_labels = !options_.needs_mesh && !json_.mesh.given;
       if (scene_.mesh_has_labels) return;
-      faults_.Add(InputError(Full(json_.mesh.path), "", "no such file", "the start mesh"));
+      faults_.Add(InputError(Full(path), "", "no such file", "the start mesh"));
       return;
+    } else {
+      const StatusOr<AllowedFile> file = options_.allowed.Open(Full(path));
+      if (!file.ok()) return faults_.Add(file.status());
+      head = file->Read(0, kMeshHeadBytes);
     }
-    const StatusOr<AllowedFile> file = options_.allowed.Open(Full(json_.mesh.path));
-    if (!file.ok()) return faults_.Add(file.status());
-    const StatusOr<std::string> head = file->Read(0, 1 << 16);
     if (head.ok() && IsLfsPointer(*head)) {
       scene_.mesh_has_labels = true;  // unknown
-      return faults_.Add(LfsPointerError(Full(json_.mesh.path)));
+      return faults_.Add(LfsPointerError(Full(path)));
     }
-    scene_.mesh_path = json_.mesh.path;
-    scene_.files.push_back(json_.mesh.path);
+    scene_.mesh_path = path;
+    scene_.files.push_back(path);
     scene_.mesh_has_labels = head.ok() && HeadHasLabels(*head, json_.label_property);
   }
 

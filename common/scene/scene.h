@@ -120,12 +120,17 @@ void FindLikelihoodForms(SceneDescription* scene, Warnings* warnings,
                          const std::map<std::string, LikelihoodForm>& known = {},
                          const std::map<std::string, LabelContent>& contents = {});
 
-// The first four are for tasks that do not have all files, and for scenes of updates, which continue a base job.
+// What is read of a mesh to find out whether it has labels.
+inline constexpr int64_t kMeshHeadBytes = 1 << 16;
+
+// The first five are for scenes whose files are not all at hand, and for scenes of updates, which continue a base job.
 struct SceneLoadOptions {
   // Paths of files that are stored elsewhere and were already read: they need not exist in the folder.
   std::set<std::string> elsewhere = {};
   // Of images and masks among them, where known; or why their headers cannot be read.
   std::map<std::string, StatusOr<ImageHeader>> headers_elsewhere = {};
+  // Of a mesh among them: the first kMeshHeadBytes. Without it the base job has checked the mesh.
+  std::map<std::string, std::string> heads_elsewhere = {};
   bool needs_mesh = true;  // false: the mesh may be missing, because the scene extends that of the base job
   // The base job's frame; a scene with another crs is an error. None: a frame around the cameras.
   std::optional<Frame> frame = {};

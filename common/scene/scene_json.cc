@@ -69,6 +69,8 @@ class ObjectReader {
         absl::StrCat("/", out->path, "/").find("/../") != std::string::npos) {
       Fault(key, out->path, "a path inside the scene's folder");
     }
+    out->path = std::filesystem::path(out->path).lexically_normal().generic_string();  // "./images//" is "images"
+    if (out->path.size() > 1 && out->path.back() == '/') out->path.pop_back();
   }
   void RejectUnknownKeys() {
     for (const auto& [key, value] : object_.items()) {

@@ -1,6 +1,7 @@
 #include "common/scene/scene_upload.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -22,10 +23,6 @@ namespace {
 constexpr size_t kFilesAtOnce = 8;
 constexpr char kSceneJson[] = "scene.json";
 constexpr std::chrono::milliseconds kReportEvery{200};
-
-bool IsPartOfScene(const std::string& name) {
-  return name != kManifestName && !absl::StartsWith(name, ".") && !absl::StrContains(name, "/.");
-}
 
 Status CheckHasSceneJson(const SceneManifest& manifest, const std::string& place) {
   const bool has = std::any_of(manifest.files.begin(), manifest.files.end(),
@@ -80,6 +77,13 @@ int64_t BytesOf(const SceneManifest& manifest) {
   int64_t bytes = 0;
   for (const ManifestFile& file : manifest.files) bytes += file.digest.size_bytes;
   return bytes;
+}
+
+// 0 if it cannot be read.
+int64_t ModifiedNs(const std::string& path) {
+  struct stat info;
+  if (::stat(path.c_str(), &info) != 0) return 0;
+  return int64_t{info.st_mtim.tv_sec} * 1'000'000'000 + info.st_mtim.tv_nsec;
 }
 
 StatusOr<SceneUpload> StoreManifest(S3Client& client, SceneManifest manifest, int64_t sent_files) {
@@ -142,6 +146,7 @@ StatusOr<SceneUpload> UploadScene(const std::string& folder, S3Client& client, c
         const std::string path = absl::StrCat(folder, "/", file->name);
         TESSERA_ASSIGN_OR_RETURN(file->digest, HashFile(path));
         ReadImageFacts(path, file);
+        if (IsOfCameraModel(file->name)) file->modified_ns = ModifiedNs(path);
         const StatusOr<S3Object> object = client.Head(file->name);
         if (object.ok() && object->size_bytes == file->digest.size_bytes && object->sha256 == file->digest.sha256) {
           skipped_bytes += file->digest.size_bytes;
@@ -161,8 +166,9 @@ StatusOr<SceneUpload> DescribeStoredScene(S3Client& client, const std::string& s
     TESSERA_ASSIGN_OR_RETURN(page, client.List("", page.next));
     TESSERA_RETURN_IF_ERROR(control.Check());
     for (const S3Object& object : page.objects) {
-      if (!IsPartOfScene(object.key) || object.key.ends_with("/")) continue;  // the latter stand for folders
-      manifest.files.push_back({object.key, {"", object.size_bytes}});
+      if (!IsPartOfScene(object.key)) continue;
+      ManifestFile& file = manifest.files.emplace_back(ManifestFile{object.key, {"", object.size_bytes}});
+      if (IsOfCameraModel(object.key)) file.modified_ns = object.modified_us * 1000;
     }
   } while (!page.next.empty());
   TESSERA_RETURN_IF_ERROR(CheckHasSceneJson(manifest, ToText(client.location())));

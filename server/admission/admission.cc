@@ -5,6 +5,7 @@
 #include <optional>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "server/admission/field_bounds.h"
 #include "server/settings/export_settings.h"
 #include "server/settings/settings_proto.h"
@@ -33,11 +34,29 @@ Status CheckSizes(const Submission& submission) {
 }
 
 JobRequest RequestOf(const Submission& submission) {
-  return {submission.request_id, ReadsScene(submission) ? AbsolutePath(submission.scene_path) : "",
-          submission.settings};
+  std::string scene;
+  if (ReadsScene(submission)) {
+    const std::string& path = submission.scene_path;
+    scene = IsS3Url(path) ? path : AbsolutePath(path);
+  }
+  return {submission.request_id, std::move(scene), submission.settings};
+}
+
+// Whether the setting names a file.
+bool IsFile(const std::string& classifier) {
+  return !classifier.empty() && classifier != kDefaultClassifier && classifier != kNoClassifier;
+}
+
+Status NoFilesOverNetwork(const std::string& what) {
+  return absl::FailedPreconditionError(
+      absl::StrCat(what, " cannot be submitted over the network; start tesserad with --scene-root FOLDER to allow it"));
 }
 
 }  // namespace
+
+bool Admission::MayReadFiles(const Submission& submission) const {
+  return environment_.scenes_over_network || submission.is_local;
+}
 
 StatusOr<JobStatus> Admission::Submit(const Submission& submission, const Cancelled& cancelled) const {
   TESSERA_RETURN_IF_ERROR(CheckSizes(submission));
@@ -76,22 +95,33 @@ StatusOr<NewJob> Admission::MakeJob(const Submission& submission, const Cancelle
   return job;
 }
 
+StatusOr<SceneListing> Admission::ReadFiles(const Submission& submission, const SceneRequest& request,
+                                            const Cancelled& cancelled) const {
+  const std::string& path = submission.scene_path;
+  if (IsS3Url(path)) {
+    if (environment_.stored_scenes == nullptr) {
+      return absl::FailedPreconditionError(
+          "scenes in an object store cannot be submitted; start tesserad with --scene-root s3://BUCKET/PREFIX to allow "
+          "it");
+    }
+    if (IsFile(request.classifier) && !MayReadFiles(submission)) return NoFilesOverNetwork("a classifier in a file");
+    return ReadStoredScene(path, request, environment_.scene_files, *environment_.stored_scenes, cancelled);
+  }
+  if (!std::filesystem::path(path).is_absolute()) {
+    return InputError("scene_path", "", "'" + path + "'", "an absolute path or s3://BUCKET/PREFIX");
+  }
+  if (!MayReadFiles(submission)) return NoFilesOverNetwork("scenes");
+  return environment_.read_scene(path, request, environment_.scene_files);
+}
+
 Status Admission::AddScene(const Submission& submission, const Cancelled& cancelled, NewJob& job) const {
-  if (!std::filesystem::path(submission.scene_path).is_absolute()) {
-    return InputError("scene_path", "", "'" + submission.scene_path + "'", "an absolute path");
-  }
-  if (!environment_.scenes_over_network && !submission.is_local) {
-    return absl::FailedPreconditionError(
-        "scenes cannot be submitted over the network; start tesserad with --scene-root FOLDER to allow it");
-  }
   SceneRequest request = {job.settings.update.base.empty(), job.settings.classifier};
   request.skip_images = job.settings.skip_images;
   if (!request.needs_mesh) {
     TESSERA_ASSIGN_OR_RETURN(const JobStatus base, environment_.jobs->GetJob(job.settings.update.base));
     request.base_classifies = Classifies(base.header.settings);
   }
-  TESSERA_ASSIGN_OR_RETURN(SceneListing scene,
-                           environment_.read_scene(submission.scene_path, request, environment_.scene_files));
+  TESSERA_ASSIGN_OR_RETURN(SceneListing scene, ReadFiles(submission, request, cancelled));
   if (std::binary_search(scene.files.begin(), scene.files.end(), kClassifierFile)) {
     return InputError(scene.folder + "/" + kClassifierFile, "", "a file of this name", "none: it is reserved");
   }
@@ -106,8 +136,12 @@ Status Admission::AddScene(const Submission& submission, const Cancelled& cancel
     for (std::string& warning : WarningsOfExports(job.settings, scene.place))
       job.warnings.push_back(std::move(warning));
   }
-  TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene.folder, scene.files, environment_.scene_files,
-                                                             *environment_.digests, *environment_.clock, cancelled));
+  if (IsS3Url(scene.folder)) {
+    job.scene_files = std::move(scene.digests);
+  } else {
+    TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene.folder, scene.files, environment_.scene_files,
+                                                               *environment_.digests, *environment_.clock, cancelled));
+  }
   if (scene.classifier_content.empty()) return absl::OkStatus();
   job.classifier = std::move(scene.classifier_content);
   job.scene_files.push_back(

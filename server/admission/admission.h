@@ -19,7 +19,7 @@ namespace tessera {
 // A request to create a job.
 struct Submission {
   std::string request_id;    // submissions with the same id create one job; empty: always a new job
-  std::string scene_path;    // absolute; a rollback and an export use the base's scene
+  std::string scene_path;    // absolute, or s3://BUCKET/PREFIX; a rollback and an export use the base's scene
   std::string display_name;  // empty: the scene's name
   JobSettings settings;      // settings.update.base: the base job
   int priority = 0;
@@ -35,7 +35,8 @@ struct AdmissionEnvironment {
   const Clock* clock = nullptr;
   SceneReader read_scene = ReadScene;
   AllowedFiles scene_files = AllowedFiles::All();  // files that scenes may have
-  bool scenes_over_network = true;                 // false: only local callers may submit a scene
+  bool scenes_over_network = true;                 // false: only local callers may submit a scene in a folder
+  const StoredScenes* stored_scenes = nullptr;     // null: no scene in an object store
 };
 
 // Validates a submission, reads its scene, hashes the scene's files and creates the job. Thread-safe: submissions are
@@ -59,6 +60,11 @@ class Admission {
   // The job of a submission whose fields were checked. Reads and hashes the scene.
   StatusOr<NewJob> MakeJob(const Submission& submission, const Cancelled& cancelled) const;
   Status AddScene(const Submission& submission, const Cancelled& cancelled, NewJob& job) const;
+  // Whether the caller may name files of the coordinator's machine.
+  bool MayReadFiles(const Submission& submission) const;
+  // The files of the submission's scene. FAILED_PRECONDITION if it may not be read.
+  StatusOr<SceneListing> ReadFiles(const Submission& submission, const SceneRequest& request,
+                                   const Cancelled& cancelled) const;
 
   const AdmissionEnvironment environment_;
 };

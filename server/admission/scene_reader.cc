@@ -1,10 +1,12 @@
 #include "server/admission/scene_reader.h"
 
+#include <functional>
 #include <utility>
 
 #include "common/classify/default_rule.h"
 #include "common/classify/model.h"
 #include "common/scene/scene.h"
+#include "common/scene/stored_scenes.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -29,9 +31,10 @@ StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneD
   return bytes;
 }
 
-}  // namespace
+using Loader = std::function<StatusOr<SceneDescription>(Warnings* warnings, const SceneLoadOptions& options)>;
 
-StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
+// The listing of a scene, without its folder and digests.
+StatusOr<SceneListing> ListScene(const Loader& load_scene, const SceneRequest& request, const AllowedFiles& allowed) {
   SceneListing listing;
   SceneLoadOptions options;
   options.needs_mesh = request.needs_mesh;
@@ -43,7 +46,7 @@ StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& re
     options.to_be_classified = request.base_classifies || !listing.classifier.empty();
     options.by_default_rule = listing.classifier == kDefaultClassifier;
     listing.warnings.clear();
-    TESSERA_ASSIGN_OR_RETURN(SceneDescription found, LoadScene(path, &listing.warnings, options));
+    TESSERA_ASSIGN_OR_RETURN(SceneDescription found, load_scene(&listing.warnings, options));
     if (!listing.classifier.empty()) {
       TESSERA_ASSIGN_OR_RETURN(listing.classifier_content, ReadClassifier(listing.classifier, found, allowed));
     }
@@ -68,6 +71,26 @@ StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& re
   listing.place.up = scene.up_in_local;
   listing.place.classes = scene.classes;
   listing.place.source = scene.source;
+  return listing;
+}
+
+}  // namespace
+
+StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
+  return ListScene(
+      [&](Warnings* warnings, const SceneLoadOptions& options) { return LoadScene(path, warnings, options); }, request,
+      allowed);
+}
+
+StatusOr<SceneListing> ReadStoredScene(const std::string& url, const SceneRequest& request, const AllowedFiles& allowed,
+                                       const StoredScenes& scenes, const std::function<bool()>& cancelled) {
+  TESSERA_ASSIGN_OR_RETURN(const FetchedScene fetched, FetchScene(scenes, url, cancelled));
+  StatusOr<SceneListing> listing = ListScene(
+      [&](Warnings* warnings, const SceneLoadOptions& options) { return LoadFetchedScene(fetched, warnings, options); },
+      request, allowed);
+  if (!listing.ok()) return fetched.Named(listing.status());
+  listing->folder = fetched.url;
+  listing->digests = DigestsOf(fetched.manifest, listing->files);
   return listing;
 }
 

@@ -11,8 +11,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
+#include "absl/strings/strip.h"
 #include "common/base/clock.h"
 #include "common/exporting/export_format.h"
+#include "common/s3/s3_location.h"
 #include "common/storage/files.h"
 #include "server/cli/commands.h"
 #include "server/client/artifacts.h"
@@ -99,7 +101,9 @@ void AddTlsOptions(CLI::App& command, Endpoint* endpoint) {
       {"--tls-cert", "TESSERA_TLS_CERT", &endpoint->tls_cert,
        "Client certificate, PEM, if the coordinator requires one"},
       {"--tls-key", "TESSERA_TLS_KEY", &endpoint->tls_key, "Key of the client certificate, PEM"},
-      {"--token-file", "TESSERA_TOKEN_FILE", &endpoint->token_file, "File with the token that the calls carry"}};
+      {"--token-file", "TESSERA_TOKEN_FILE", &endpoint->token_file, "File with the token that the calls carry"},
+      {"--s3-ca", "AWS_CA_BUNDLE", &endpoint->store_ca,
+       "Certificate authorities of the coordinator's S3 store, PEM, if it has one (default: the system's)"}};
   for (const auto& [name, variable, value, help] : options) {
     command.add_option(name, *value, help)->envname(variable)->type_name("FILE")->group("Authentication");
   }
@@ -130,7 +134,7 @@ void AddSceneOptions(CLI::App& command, double* skip_images, bool* anyway) {
 }
 
 void AddJobOptions(CLI::App& command, JobFlags* flags) {
-  command.add_option("SCENE", flags->scene, "Folder with a scene.json")->required();
+  command.add_option("SCENE", flags->scene, "Folder with a scene.json, or s3://BUCKET/PREFIX")->required();
   AddTileOptions(command, &flags->settings);
   command
       .add_option("--classifier", flags->settings.classifier,
@@ -240,7 +244,8 @@ void AddPriceLimit(CLI::App& command, JobFlags* flags) {
 
 v1::CreateJobRequest MakeRequest(const JobFlags& flags) {
   v1::CreateJobRequest request;
-  request.set_scene_path(AbsolutePath(flags.scene));
+  request.set_scene_path(IsS3Url(flags.scene) ? std::string(absl::StripSuffix(flags.scene, "/"))
+                                              : AbsolutePath(flags.scene));
   JobSettings settings = flags.settings;
   settings.update.all_epochs = flags.epochs == "all";
   constexpr double kHour = 3600;
@@ -250,7 +255,7 @@ v1::CreateJobRequest MakeRequest(const JobFlags& flags) {
 }
 
 Status CheckSceneExists(const v1::CreateJobRequest& request) {
-  if (FileExists(request.scene_path())) return absl::OkStatus();
+  if (IsS3Url(request.scene_path()) || FileExists(request.scene_path())) return absl::OkStatus();
   return absl::InvalidArgumentError(request.scene_path() + ": no such folder, expected a folder with scene.json");
 }
 

@@ -63,9 +63,9 @@ void AddExportOptions(CLI::App& command, ExportSettings* settings);
 // Adds --max-price and --price-per-core-hour.
 void AddPriceLimit(CLI::App& command, JobFlags* flags);
 
-// The request for these flags; its scene is an absolute path.
+// The request for these flags; its scene is an absolute path or a URL.
 v1::CreateJobRequest MakeRequest(const JobFlags& flags);
-// INVALID_ARGUMENT if the request's scene does not exist on this machine.
+// INVALID_ARGUMENT if the request's scene is a folder that does not exist on this machine.
 Status CheckSceneExists(const v1::CreateJobRequest& request);
 
 // The message as JSON with all its fields.

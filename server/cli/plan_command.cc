@@ -100,7 +100,8 @@ StatusOr<std::string> ComputeSurvey(const PlanFlags& flags) {
     state = AbsolutePath(flags.out) + "/.tessera";
   }
   std::string survey;
-  const LocalClusterOptions options = {state, state + "/data", /*workers=*/1, /*threads_per_worker=*/CoreLimit()};
+  LocalClusterOptions options = {state, state + "/data", /*workers=*/1, /*threads_per_worker=*/CoreLimit()};
+  options.scene = request.scene_path();
   const Status status = WithLocalCluster(options, [&](LocalCluster& cluster, Connection& connection) -> Status {
     v1::Job job;
     TESSERA_RETURN_IF_ERROR(connection.CreateJob(request, &job));
@@ -162,7 +163,8 @@ StatusOr<std::string> ComputeUpdatePlan(const PlanFlags& flags) {
     TESSERA_ASSIGN_OR_RETURN(plan, FetchUpdatePlan(connection, request));
     return absl::OkStatus();
   };
-  TESSERA_RETURN_IF_ERROR(WithLocalCluster({state.path() + "/state", base.data_dir, 1, CoreLimit()}, fetch));
+  TESSERA_RETURN_IF_ERROR(WithLocalCluster(
+      {state.path() + "/state", base.data_dir, 1, CoreLimit(), /*shared_storage=*/true, request.scene_path()}, fetch));
   return plan;
 }
 

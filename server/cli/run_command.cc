@@ -142,6 +142,7 @@ StatusOr<int> Run(const RunFlags& flags) {
   options.workers = flags.workers > 0 ? flags.workers : std::min(2, cores);
   options.threads_per_worker = flags.threads_per_worker > 0 ? flags.threads_per_worker : cores;
   options.shared_storage = !flags.no_shared_storage;
+  options.scene = request.scene_path();
   // The first interrupt aborts the start; the second aborts the orderly stop.
   TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, InterruptibleSleep(1)));
   TESSERA_ASSIGN_OR_RETURN(auto connection, Connection::Open(cluster->address()));

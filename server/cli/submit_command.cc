@@ -96,12 +96,12 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<SubmitFlags>();
   CLI::App* command = app.add_subcommand("submit", "Submit a job to a coordinator");
   command->footer(
-      "Prints the job's name. The coordinator reads the scene from the same path, so SCENE must be on a file system "
-      "that\n"
-      "both machines mount.\n"
+      "Prints the job's name. The coordinator reads the scene from the same place: a path on a file system that both\n"
+      "machines mount, or s3://BUCKET/PREFIX of tessera upload, which only the coordinator needs credentials for.\n"
       "Examples:\n"
       "  tessera submit city --tiles 16 --watch\n"
       "  job=$(tessera submit city --tiles 16 --coordinator city-server:7575)\n"
+      "  job=$(tessera submit s3://scenes/city --coordinator city-server:7575)\n"
       "  tessera watch $job && tessera fetch $job --out result");
   AddOptions(*command, flags.get());
   SetAction(command, exit_code, [flags] { return SubmitScene(*flags); });

@@ -57,7 +57,7 @@ StatusOr<int> Upload(const UploadFlags& flags) {
   }
   Warnings faults;
   for (const ManifestFile& file : upload->manifest.files) {
-    if (!file.fault.empty()) faults.push_back(file.fault);
+    if (file.fault) faults.push_back(std::string(FaultOf(file, "").message()));
   }
   PrintWarnings(faults);
   return kExitOk;
@@ -81,18 +81,21 @@ void AddUploadCommand(CLI::App& app, int* exit_code) {
   command->add_option("--s3-region", flags->region, "Region that requests to the S3 store are signed for")
       ->envname("AWS_REGION")
       ->capture_default_str();
-  command->add_option("--s3-ca", flags->ca_file, "Certificate authorities of the S3 store, PEM")->type_name("FILE");
+  command->add_option("--s3-ca", flags->ca_file, "Certificate authorities of the S3 store, PEM")
+      ->envname("AWS_CA_BUNDLE")
+      ->type_name("FILE");
   command->add_flag("--quiet", flags->quiet, "Print neither progress nor the summary");
   command->footer(
       "Sends several files at once and writes tessera.manifest.json last: name, size and SHA-256 of every file, and\n"
-      "the headers of images. Jobs still read scenes from folders only. An interrupted upload goes on when\n"
-      "repeated: files that lie there with the same size and hash are not sent again. Files and folders whose names\n"
-      "begin with a dot are left out.\n"
+      "the headers of images. A coordinator with --scene-root s3://BUCKET/PREFIX takes it as the scene of a job.\n"
+      "An interrupted upload goes on when repeated: files that lie there with the same size and hash are not sent\n"
+      "again. Files and folders whose names begin with a dot are left out.\n"
       "Credentials are read as by AWS's tools: AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or the profile "
       "AWS_PROFILE\n"
       "of ~/.aws/credentials and ~/.aws/config, also its credential_process, or the container endpoint.\n"
       "Examples:\n"
       "  tessera upload city s3://scenes/city --s3-endpoint https://s3.example.org\n"
+      "  tessera submit s3://scenes/city\n"
       "  tessera upload --in-place s3://scenes/city --s3-endpoint https://s3.example.org");
   command->parse_complete_callback([flags] {
     const size_t expected = flags->in_place ? 1 : 2;

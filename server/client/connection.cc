@@ -92,7 +92,7 @@ StatusOr<std::unique_ptr<Connection>> Connection::Open(const Endpoint& endpoint,
       WaitConnected(*impl->channel, endpoint.address, takeover ? std::max(seconds, kTakeover_s) : seconds));
   impl->jobs = v1::Jobs::NewStub(impl->channel);
   impl->workers = v1::Workers::NewStub(impl->channel);
-  impl->blobs = std::make_unique<BlobClient>(impl->channel, impl->retry, RealSleeper());
+  impl->blobs = std::make_unique<BlobClient>(impl->channel, impl->retry, RealSleeper(), endpoint.store_ca);
   return std::unique_ptr<Connection>(new Connection(std::move(impl)));
 }
 

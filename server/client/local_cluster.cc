@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "common/rpc/channel.h"
+#include "common/s3/s3_location.h"
 
 namespace tessera {
 namespace {
@@ -50,6 +51,7 @@ Status LocalCluster::StartCoordinator(const Sleeper& wait) {
   // The coordinator runs as the user, so it may read every file that the user may read.
   std::vector<std::string> arguments = {"--listen",        socket,      "--port-file", port_file,      "--data",
                                         options_.data_dir, "--lease-s", kLeaseSeconds, "--scene-root", "/"};
+  if (IsS3Url(options_.scene)) arguments.insert(arguments.end(), {"--scene-root", options_.scene});
   if (!options_.shared_storage) arguments.push_back("--no-shared-storage");
   TESSERA_ASSIGN_OR_RETURN(coordinator_,
                            ChildProcess::Start(program_folder_ + "/tesserad", arguments, LogPath("tesserad")));

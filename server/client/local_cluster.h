@@ -20,6 +20,8 @@ struct LocalClusterOptions {
   int workers = 1;
   int threads_per_worker = 1;
   bool shared_storage = true;
+  // May be s3://BUCKET/PREFIX; the coordinator finds the store and its credentials as AWS's tools do.
+  std::string scene = {};
 };
 
 // Not thread-safe: the same thread starts, supervises and stops it. The children are killed when that thread ends.

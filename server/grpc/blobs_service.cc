@@ -54,6 +54,20 @@ Status BlobsService::MayWrite(const Caller& caller) const {
   return absl::PermissionDeniedError("permission denied: only a worker with a lease may store blobs");
 }
 
+StatusOr<BlobsService::Source> BlobsService::LocateInStore(const std::string& url, const Digest& digest) const {
+  if (environment_.stored_scenes == nullptr) {
+    return absl::FailedPreconditionError(url + " cannot be read: tesserad has no --scene-root with it");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const StoredScenes::Place place, environment_.stored_scenes->Find(url));
+  TESSERA_ASSIGN_OR_RETURN(const S3Object object, place.client->Head(place.key));
+  if (object.size_bytes != digest.size_bytes) {
+    return absl::FailedPreconditionError(url + " was changed after its job was submitted");
+  }
+  return Source{url, [place](int64_t offset_bytes, int64_t size_bytes) {
+                  return place.client->Get(place.key, offset_bytes, size_bytes);
+                }};
+}
+
 StatusOr<BlobsService::Source> BlobsService::Locate(const Caller& caller, const Digest& digest) const {
   const Status stored = environment_.blobs->Stat(digest);
   if (stored.ok()) {
@@ -66,6 +80,12 @@ StatusOr<BlobsService::Source> BlobsService::Locate(const Caller& caller, const 
   if (caller.worker.empty() || !IsInput(caller.worker, digest)) return fault;
   // Several jobs may have scene files of this content, some of which may be removed or changed.
   for (const std::string& path : jobs_.SceneFilesWith(digest)) {
+    if (IsS3Url(path)) {
+      auto stored_file = LocateInStore(path, digest);
+      if (stored_file.ok()) return stored_file;
+      if (absl::IsNotFound(fault)) fault = stored_file.status();
+      continue;
+    }
     auto file = environment_.scene_files.Open(path);
     const auto found =
         file.ok() ? DigestOfFile(*file, *environment_.digests, *environment_.clock) : StatusOr<Digest>(file.status());

@@ -28,8 +28,9 @@ struct ServerEnvironment {
   const Access* access = nullptr;  // null: every caller has all rights
   SceneReader read_scene = ReadScene;
   AllowedFiles scene_files = AllowedFiles::All();  // files that scenes may have
-  // False: only callers through a socket may submit scenes.
+  // False: only callers through a socket may submit scenes in folders.
   bool scenes_over_network = true;
+  const StoredScenes* stored_scenes = nullptr;  // null: no scenes in an object store
   // Empty: workers transfer all data through the blob service. Else a worker that reads `shared_probe_content` at
   // `shared_probe_path` reads and stores blobs in the folder `shared_blob_dir`, which is that of `blobs`.
   std::string shared_probe_path;

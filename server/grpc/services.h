@@ -28,7 +28,8 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
         core_(core),
         jobs_(jobs),
         admission_(AdmissionEnvironment{&jobs, &limits, environment.digests, environment.clock, environment.read_scene,
-                                        environment.scene_files, environment.scenes_over_network}),
+                                        environment.scene_files, environment.scenes_over_network,
+                                        environment.stored_scenes}),
         watches_(core, jobs, environment.access, &limits) {}
   grpc::Status CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request, v1::Job* response) override;
   grpc::Status ExportJob(grpc::ServerContext* context, const v1::ExportJobRequest* request, v1::Job* response) override;
@@ -129,6 +130,8 @@ class BlobsService final : public v1::Blobs::Service {
   };
   // The blob or, for workers, a scene file with this content.
   StatusOr<Source> Locate(const Caller& caller, const Digest& digest) const;
+  // A file of a scene in an object store. FAILED_PRECONDITION if it has another size.
+  StatusOr<Source> LocateInStore(const std::string& url, const Digest& digest) const;
   // Waits until a published file is recomputed. NOT_FOUND if no job published it; UNAVAILABLE after kAwaitRemakeS.
   Status AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const;
   // Hashes the stored blob, quarantines a damaged one, and waits until a published file is recomputed. Errors as of
@@ -138,7 +141,14 @@ class BlobsService final : public v1::Blobs::Service {
   Status Damaged(const Digest& digest, const std::string& what) const;
 
   // The signed requests for one content. `request`: with the hashes of the parts, if any.
-  StatusOr<v1::Transfer> TransferOf(const Digest& digest, const v1::GetTransfersRequest& request) const;
+  StatusOr<v1::Transfer> TransferOf(const Caller& caller, const Digest& digest,
+                                    const v1::GetTransfersRequest& request) const;
+  // The same to read a file of a scene in an object store, which is one of `urls`. `check`: of those, the first whose
+  // content is right; NOT_FOUND if there is none.
+  StatusOr<v1::Transfer> TransferOfSceneFile(const Caller& caller, const Digest& digest,
+                                             const std::vector<std::string>& urls, bool check) const;
+  // Places of scene files with this content in an object store that the caller may read.
+  std::vector<std::string> StoredSceneFiles(const Caller& caller, const Digest& digest) const;
 
   const ServerEnvironment& environment_;
   ClientLimits& limits_;

@@ -7,7 +7,8 @@
 namespace tessera {
 namespace {
 
-constexpr int kMaxTransfers = 1000;  // digests of a call, and parts of a content
+constexpr int kMaxTransfers = 1000;         // digests of a call, and parts of a content
+constexpr double kSceneTransferValid_s = 900;  // of the URL of a scene file, without an object store for blobs
 
 // An error of the store that the caller did not cause is an outage: the caller waits and tries again.
 Status AsCallersStatus(const Status& status) {
@@ -37,8 +38,47 @@ Status BlobsService::CheckStored(const Caller& caller, const Digest& digest, grp
   return AsCallersStatus(stored);
 }
 
-StatusOr<v1::Transfer> BlobsService::TransferOf(const Digest& digest, const v1::GetTransfersRequest& request) const {
+std::vector<std::string> BlobsService::StoredSceneFiles(const Caller& caller, const Digest& digest) const {
+  if (environment_.stored_scenes == nullptr || caller.worker.empty() || !IsInput(caller.worker, digest)) return {};
+  std::vector<std::string> urls = jobs_.SceneFilesWith(digest);
+  std::erase_if(urls, [](const std::string& path) { return !IsS3Url(path); });
+  return urls;
+}
+
+StatusOr<v1::Transfer> BlobsService::TransferOfSceneFile(const Caller& caller, const Digest& digest,
+                                                         const std::vector<std::string>& urls, bool check) const {
+  const StoredScenes& scenes = *environment_.stored_scenes;
+  Status fault;
+  for (const std::string& url : urls) {
+    if (check) {
+      TESSERA_ASSIGN_OR_RETURN(const auto ticket, limits_.Transfer(caller.mover(), {}));
+      const auto found = scenes.Hash(url);
+      if (!found.ok() && !absl::IsNotFound(found.status())) return found.status();
+      if (!found.ok() || !(*found == digest)) {
+        if (fault.ok()) fault = absl::NotFoundError(absl::StrCat(url, " was changed after its job was submitted"));
+        continue;
+      }
+    }
+    TESSERA_ASSIGN_OR_RETURN(const StoredScenes::Place place, scenes.Find(url));
+    TESSERA_ASSIGN_OR_RETURN(const SignedRequest signed_request,
+                             place.client->SignGet(place.key, environment_.transfers == nullptr
+                                                                  ? kSceneTransferValid_s
+                                                                  : environment_.transfers->valid_s()));
+    v1::Transfer transfer;
+    SetRequest(signed_request, transfer.add_requests());
+    return transfer;
+  }
+  return fault;
+}
+
+StatusOr<v1::Transfer> BlobsService::TransferOf(const Caller& caller, const Digest& digest,
+                                                const v1::GetTransfersRequest& request) const {
   v1::Transfer transfer;
+  if (!request.write()) {
+    const std::vector<std::string> urls = StoredSceneFiles(caller, digest);
+    if (!urls.empty()) return TransferOfSceneFile(caller, digest, urls, request.check());
+  }
+  if (environment_.transfers == nullptr) return transfer;
   const BlobTransfers& transfers = *environment_.transfers;
   if (request.write()) {
     if (!transfers.takes_uploads()) return transfer;
@@ -51,7 +91,7 @@ StatusOr<v1::Transfer> BlobsService::TransferOf(const Digest& digest, const v1::
     for (const SignedRequest& signed_request : upload.requests) SetRequest(signed_request, transfer.add_requests());
     return transfer;
   }
-  // The blob service reads files of scenes. Asking the store for each would take long: a scene has thousands.
+  // The blob service reads files of scenes in folders. Asking the store for each would take long: a scene has thousands.
   if (!jobs_.SceneFilesWith(digest).empty()) return transfer;
   TESSERA_ASSIGN_OR_RETURN(const SignedRequest signed_request, transfers.Read(digest));
   SetRequest(signed_request, transfer.add_requests());
@@ -73,17 +113,17 @@ grpc::Status BlobsService::GetTransfers(grpc::ServerContext* context, const v1::
     if (!allowed.ok()) return ToGrpc(allowed);
     if (const Status status = CheckDigest(digest); !status.ok()) return ToGrpc(status);
   }
-  if (environment_.transfers == nullptr) {
+  if (environment_.transfers == nullptr && environment_.stored_scenes == nullptr) {
     for (int i = 0; i < request->digests_size(); ++i) response->add_transfers();
     return grpc::Status::OK;
   }
-  response->set_valid_s(environment_.transfers->valid_s());
+  response->set_valid_s(environment_.transfers == nullptr ? kSceneTransferValid_s : environment_.transfers->valid_s());
   for (const v1::Digest& message : request->digests()) {
     const Digest digest = FromProto(message);
-    if (request->check() && !request->write()) {
+    if (request->check() && !request->write() && StoredSceneFiles(caller, digest).empty()) {
       if (const Status stored = CheckStored(caller, digest, *context); !stored.ok()) return ToGrpc(stored);
     }
-    StatusOr<v1::Transfer> transfer = TransferOf(digest, *request);
+    StatusOr<v1::Transfer> transfer = TransferOf(caller, digest, *request);
     if (!transfer.ok()) return ToGrpc(AsCallersStatus(transfer.status()));
     *response->add_transfers() = *std::move(transfer);
   }

@@ -58,8 +58,9 @@ Status Recovery::Examine(Lost& lost) const {
     faults = MessageOf(stored);
   }
   for (const std::string& path : lost.paths) {
-    const auto found = HashFile(path);
+    const auto found = environment_.hash_scene_file(path);
     if (found.ok() && *found == lost.digest) return absl::OkStatus();
+    if (absl::IsUnavailable(found.status())) return found.status();
     faults += (faults.empty() ? "" : "; ") +
               (found.ok() ? path + " was changed after the job was submitted" : MessageOf(found.status()));
   }

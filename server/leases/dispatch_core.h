@@ -14,6 +14,7 @@
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/storage/blob_store.h"
+#include "common/storage/hash.h"
 #include "server/leases/job_limits.h"
 #include "server/leases/lease_table.h"
 #include "server/leases/retry_rule.h"
@@ -57,13 +58,17 @@ struct DispatchEnvironment {
   std::function<void(const Status& trouble)> on_trouble = {};
   // Called for each suspended worker. Same rules as on_change.
   std::function<void(const SuspendedWorker& worker)> on_worker_suspended = {};
+  // Hashes a file of a scene. Its errors are those of a missing or changed file, but for UNAVAILABLE, an outage.
+  std::function<StatusOr<Digest>(const std::string& path)> hash_scene_file = [](const std::string& path) {
+    return HashFile(path);
+  };
   // Called once if another coordinator has taken over the state. No change is acknowledged afterwards.
   std::function<void(const Status& reason)> on_taken_over = {};
 };
 
 // A change is checked and applied in memory under the mutex; the journal stores it in batches. Calls of the blob store,
-// hashing and planning happen outside the mutex, and not in threads that answer callers: a store may answer late. Leases may be lost if the machine fails: reports of their workers are then
-// refused, and the tasks are leased again.
+// hashing and planning happen outside the mutex, and not in threads that answer callers: a store may answer late.
+// Leases may be lost if the machine fails: reports of their workers are then refused, and the tasks are leased again.
 //
 // Lock order: PlanningLoop's, blob_use().mutex, mutex(). Members marked (M) need mutex(); all others are thread-safe.
 class DispatchCore {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/base/refusal.h"
+#include "common/s3/s3_location.h"
 #include "server/leases/attempts.h"
 #include "server/leases/known_results.h"
 #include "server/leases/leases.h"
@@ -45,6 +46,7 @@ StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
         const std::vector<std::string> paths = ledger.scene_files().PathsOf(file.digest);
         path = paths.empty() ? "" : paths.front();  // the blob service tries the others if it changed
       }
+      if (IsS3Url(path)) path.clear();  // GetTransfers gives a URL
     }
     granted.inputs.push_back({std::move(inputs[i]), std::move(path)});
   }

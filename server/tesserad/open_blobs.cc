@@ -15,9 +15,6 @@ StatusOr<OpenedBlobs> OpenBlobs(const BlobFlags& flags, const std::string& data,
     if (flags.url.find("://") != std::string::npos) {
       return InputError("--blobs", "", flags.url, "a folder or s3://BUCKET/PREFIX");
     }
-    if (!flags.endpoint.empty()) {
-      return InputError("--s3-endpoint", "", flags.endpoint + " without a bucket", "--blobs s3://BUCKET/PREFIX");
-    }
     opened.folder = flags.url.empty() ? data + "/blobs" : AbsolutePath(flags.url);
     TESSERA_ASSIGN_OR_RETURN(opened.store, FolderBlobs::Open(opened.folder));
     return opened;
@@ -34,17 +31,25 @@ StatusOr<OpenedBlobs> OpenBlobs(const BlobFlags& flags, const std::string& data,
   opened.store = std::move(store);
   opened.counts = [client = opened.client.get(), remover = opened.remover.get()] {
     std::map<std::string, S3Counts> counts = client->counts();
-    for (const auto& [method, more] : remover->counts()) {
-      S3Counts& sum = counts[method];
-      sum.calls += more.calls;
-      sum.retries += more.retries;
-      sum.errors += more.errors;
-      sum.sent_bytes += more.sent_bytes;
-      sum.received_bytes += more.received_bytes;
-      sum.seconds += more.seconds;
-    }
+    AddCounts(remover->counts(), &counts);
     return counts;
   };
+  return opened;
+}
+
+StatusOr<OpenedScenes> OpenStoredScenes(const std::vector<std::string>& roots, const BlobFlags& flags,
+                                        const Clock* clock) {
+  std::vector<std::string> urls;
+  for (const std::string& root : roots) {
+    if (IsS3Url(root)) urls.push_back(root);
+  }
+  OpenedScenes opened;
+  if (urls.empty()) return opened;
+  opened.credentials = DefaultS3Credentials(clock);
+  S3ClientOptions options;
+  options.ca_file = flags.ca_file;
+  TESSERA_ASSIGN_OR_RETURN(opened.scenes, StoredScenes::Open(urls, flags.endpoint, flags.region,
+                                                             opened.credentials.get(), clock, options));
   return opened;
 }
 

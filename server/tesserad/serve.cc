@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
 #include "common/access/secrets.h"
 #include "common/base/clock.h"
 #include "common/log/log.h"
@@ -101,6 +102,30 @@ class ServingMetrics {
   MetricsServer* const server_;
 };
 
+std::vector<std::string> FoldersOf(std::vector<std::string> scene_roots) {
+  std::erase_if(scene_roots, IsS3Url);
+  return scene_roots;
+}
+
+// DispatchEnvironment::hash_scene_file.
+StatusOr<Digest> HashSceneFile(const std::string& path, const StoredScenes* scenes) {
+  if (!IsS3Url(path)) return HashFile(path);
+  if (scenes == nullptr) return absl::UnavailableError(path + " cannot be read without --scene-root s3://BUCKET/PREFIX");
+  StatusOr<Digest> digest = scenes->Hash(path);
+  if (digest.ok() || absl::IsNotFound(digest.status())) return digest;
+  return absl::UnavailableError(absl::StrCat(path, ": ", std::string(digest.status().message())));
+}
+
+// Requests to S3 stores, for blobs and scenes. Empty if there is no store.
+std::function<std::map<std::string, S3Counts>()> CountsOf(const OpenedBlobs& blobs, const StoredScenes* scenes) {
+  if (scenes == nullptr) return blobs.counts;
+  return [of_blobs = blobs.counts, scenes] {
+    std::map<std::string, S3Counts> counts = scenes->counts();
+    if (of_blobs) AddCounts(of_blobs(), &counts);
+    return counts;
+  };
+}
+
 // Does what is due from time to time, until a signal arrives.
 void TickUntil(const sigset_t& stop_signals, double tick_s, Coordinator& coordinator, CoordinatorServer& server,
                Access& access) {
@@ -133,7 +158,7 @@ void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& 
 
 // Replays the state, listens, and serves until a signal arrives and running calls have ended.
 Status ServeState(const ServeOptions& options, const Places& places, const SharedStorage& storage, OpenedBlobs& opened,
-                  StateStore& store, MetricsServer* metrics, const sigset_t& stop_signals) {
+                  const StoredScenes* scenes, StateStore& store, MetricsServer* metrics, const sigset_t& stop_signals) {
   const RightWatch right(store);
   SystemClock clock;
   BlobStore* const blobs = opened.store.get();
@@ -150,6 +175,7 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
   DispatchEnvironment dispatch{
       &store, blobs, &planner, &clock, LogRecord, LogRecordQuarantined, LogJournalStatus, LogWorkerSuspended};
   dispatch.on_taken_over = EndReplaced;
+  dispatch.hash_scene_file = [scenes](const std::string& path) { return HashSceneFile(path, scenes); };
   TESSERA_ASSIGN_OR_RETURN(const auto coordinator, Coordinator::Open(dispatch, DispatchOptionsOf(options)));
 
   ServerEnvironment environment;
@@ -159,11 +185,13 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
   environment.digests = &store;
   environment.clock = &clock;
   environment.access = access.get();
+  const std::vector<std::string> folders = FoldersOf(storage.scene_roots);
   environment.scene_files = AllowedFiles::OwnedBy(::geteuid());
-  if (!storage.scene_roots.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(environment.scene_files, AllowedFiles::Under(storage.scene_roots));
+  if (!folders.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(environment.scene_files, AllowedFiles::Under(folders));
   }
-  environment.scenes_over_network = !storage.scene_roots.empty();
+  environment.scenes_over_network = !folders.empty();
+  environment.stored_scenes = scenes;
   environment.limits = options.limits;
   environment.limits.upload_bytes = static_cast<int64_t>(options.upload_gib * (int64_t{1} << 30));
   environment.before_reply = [&right] { right.Check(); };
@@ -172,7 +200,8 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
   }
   TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(places.listen, environment));
   const ServingMetrics serving(metrics, {[&] { return SnapshotOf(coordinator->core()); },
-                                         [&] { return blobs->FreeSpace(); }, &server->rpc_counts(), opened.counts});
+                                         [&] { return blobs->FreeSpace(); }, &server->rpc_counts(),
+                                         CountsOf(opened, scenes)});
   if (!options.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(options.port_file, server->address() + "\n"));
   for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
   WarnOfOpenAddresses(*server, *access);
@@ -212,8 +241,11 @@ Status Serve(const ServeOptions& options, const sigset_t& stop_signals) {
   const SystemClock clock;
   TESSERA_RETURN_IF_ERROR(Access::Open("", options.token_file, &clock).status());  // before anything is begun
   SharedStorage storage;
-  for (const std::string& root : options.scene_roots) storage.scene_roots.push_back(AbsolutePath(root));
-  TESSERA_RETURN_IF_ERROR(AllowedFiles::Under(storage.scene_roots).status());
+  for (const std::string& root : options.scene_roots) {
+    storage.scene_roots.push_back(IsS3Url(root) ? std::string(absl::StripSuffix(root, "/")) : AbsolutePath(root));
+  }
+  TESSERA_RETURN_IF_ERROR(AllowedFiles::Under(FoldersOf(storage.scene_roots)).status());
+  TESSERA_ASSIGN_OR_RETURN(const OpenedScenes scenes, OpenStoredScenes(storage.scene_roots, options.blobs, &clock));
   TESSERA_ASSIGN_OR_RETURN(
       OpenedBlobs blobs, OpenBlobs(options.blobs, places.data, RetentionOptionsOf(options).collector.grace_s, &clock));
   storage.blobs = blobs.store.get();
@@ -229,7 +261,7 @@ Status Serve(const ServeOptions& options, const sigset_t& stop_signals) {
   };
   TESSERA_ASSIGN_OR_RETURN(const auto store, AwaitState(places.state, storage, stop));
   if (store == nullptr) return absl::OkStatus();
-  const Status served = ServeState(options, places, storage, blobs, *store, metrics.get(), stop_signals);
+  const Status served = ServeState(options, places, storage, blobs, scenes.scenes.get(), *store, metrics.get(), stop_signals);
   store->Release();  // a standby takes over at once
   return served;
 }

@@ -24,7 +24,7 @@ struct ServeOptions {
   bool accept_blobs = false;
   ListenOptions listen;
   std::string port_file, token_file;
-  std::vector<std::string> scene_roots;
+  std::vector<std::string> scene_roots;  // folders and s3://BUCKET/PREFIX
   double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
   double keep_days = 0, blob_gib = 0;
   std::optional<double> drain_s;  // unset: kDrain_s, or kHandOver_s if a standby may take over

@@ -20,7 +20,8 @@ class StateStore;
 // What all coordinators of a state must share, because jobs of one are continued by another.
 struct SharedStorage {
   BlobStore* blobs = nullptr;
-  std::vector<std::string> scene_roots;  // absolute paths; empty: files of the process's user
+  // Absolute paths and URLs, s3://BUCKET/PREFIX. Without a path: files of the process's user.
+  std::vector<std::string> scene_roots;
   // Take `blobs` although it is not the store that the state was used with: results that it lacks are recomputed.
   bool accept_blobs = false;
 };

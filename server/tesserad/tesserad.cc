@@ -86,10 +86,14 @@ void AddBlobFlags(CLI::App& app, BlobFlags& blobs) {
                  "with AWS_PROFILE, or its container endpoint")
       ->type_name("FOLDER|URL");
   app.add_option("--s3-endpoint", blobs.endpoint, "Address of the S3 store, which workers and clients must reach, too")
+      ->envname("AWS_ENDPOINT_URL")
       ->type_name("URL");
   app.add_option("--s3-region", blobs.region, "Region that requests to the S3 store are signed for")
+      ->envname("AWS_REGION")
       ->capture_default_str();
-  app.add_option("--s3-ca", blobs.ca_file, "Certificate authorities of the S3 store, PEM")->type_name("FILE");
+  app.add_option("--s3-ca", blobs.ca_file, "Certificate authorities of the S3 store, PEM")
+      ->envname("AWS_CA_BUNDLE")
+      ->type_name("FILE");
 }
 
 int Main(int argc, char** argv) {
@@ -137,9 +141,10 @@ int Main(int argc, char** argv) {
                "Allow network addresses without TLS or tokens: every caller that reaches them has all rights");
   app.add_option(
          "--scene-root", flags.scene_roots,
-         "Folders whose scenes may be read; links may lead only into these folders. Without it, only jobs submitted "
-         "through a Unix socket, with files owned by this user")
-      ->type_name("FOLDER");
+         "Folders whose scenes may be read, where links may lead only into these folders, and places in an S3 store, "
+         "s3://BUCKET/PREFIX, for scenes that tessera upload has sent. Without a folder, only jobs submitted through a "
+         "Unix socket, with files owned by this user")
+      ->type_name("FOLDER|URL");
   app.add_option("--port-file", flags.port_file, "Write the bound HOST:PORT to this file");
   app.add_option("--metrics-listen", flags.listen.metrics,
                  "Serve Prometheus metrics at http://HOST:PORT/metrics, without authentication; network addresses need "

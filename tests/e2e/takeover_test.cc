@@ -15,6 +15,7 @@
 #include "tests/e2e/programs.h"
 #include "tests/e2e/record_audit.h"
 #include "tests/e2e/tcp_proxy.h"
+#include "tests/support/servers/postgres_database.h"
 #include "tests/support/servers/test_server.h"
 
 namespace tessera::e2e {
@@ -209,6 +210,27 @@ TEST_F(LostDatabaseTest, JobGoesOnWhenTheDatabaseIsKilledAndStartedAgain) {
   AwaitMiddle(job);
   ASSERT_EQ(Database("kill").exit_code, 0);
   ASSERT_EQ(Database("again").exit_code, 0);
+  KeepRunning();
+  ExpectUndisturbed(job, *watching);
+}
+
+// As while its own standby is promoted.
+TEST_F(LostDatabaseTest, JobGoesOnWhenTheDatabaseWasReadOnly) {
+  Begin(url_);
+  AddWorker();
+  const std::string job = Submit();
+  const auto watching = Watch(job);
+  AwaitMiddle(job);
+  const std::string writable = url_ + "?options=-cdefault_transaction_read_only%3Doff";  // of this session alone
+  const auto set_read_only = [&](const std::string& value) {
+    RunPostgres(writable, "ALTER SYSTEM SET default_transaction_read_only = " + value);
+    RunPostgres(writable, "SELECT pg_reload_conf()");
+  };
+  set_read_only("on");
+  const Outcome ended = pair_->program(0).Wait();
+  EXPECT_EQ(ended.exit_code, kReplaced) << ended.output;
+  EXPECT_FALSE(WaitUntil([&] { return !pair_->program(1).Running() || pair_->IsActive(1); }, 10));
+  set_read_only("off");
   KeepRunning();
   ExpectUndisturbed(job, *watching);
 }

@@ -10,7 +10,7 @@
 
 int main(int argc, char** argv) {
   testing::InitGoogleMock(&argc, argv);
-  std::string folder = testing::TempDir() + "/tessera_test.XXXXXX";
+  std::string folder = testing::TempDir() + "tessera_test.XXXXXX";
   if (mkdtemp(folder.data()) == nullptr || setenv("TEST_TMPDIR", folder.c_str(), 1) != 0) {
     std::perror(folder.c_str());
     return 1;

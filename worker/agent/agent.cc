@@ -132,7 +132,9 @@ class Agent::Impl {
         identity_(std::move(identity)),
         channel_(std::move(channel)),
         link_(channel_),
-        files_(BlobClient(channel_, WithoutLimit(options.retry), [this](double seconds) { return Wait(seconds); }),
+        files_(BlobClient(
+                   channel_, WithoutLimit(options.retry), [this](double seconds) { return Wait(seconds); },
+                   options.coordinator.store_ca),
                std::move(cache), options.use_shared_storage,
                {options.storage_wait_s, options.retry, [this](double seconds) { return Wait(seconds); }}) {}
 

@@ -59,6 +59,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  "File with the worker's token; read again when it changes")
       ->envname("TESSERA_TOKEN_FILE")
       ->type_name("FILE");
+  app.add_option("--s3-ca", flags.coordinator.store_ca,
+                 "Certificate authorities of the coordinator's S3 store, PEM, if it has one (default: the system's)")
+      ->envname("AWS_CA_BUNDLE")
+      ->type_name("FILE");
   app.add_option("--work", flags.work_dir,
                  "Folder for cache and scratch files, accessible to this user only, kept at exit. "
                  "Default: a temporary folder, removed at exit");

@@ -27,7 +27,7 @@ TEST(Manifest, IsReadAsItWasWritten) {
   manifest.files[1].image = ImageHeader{{400, 300}, 16, true, 6};
   manifest.files[2].name = "images/b.tif";
   manifest.files[2].digest = {Sha256Hex("b"), 0};
-  manifest.files[2].fault = "images/b.tif: found an empty file";
+  manifest.files[2].fault = InputFault{"", "byte 0", "an empty file", "an image"};
   const std::string text = ToJson(manifest);
   const StatusOr<SceneManifest> read = ParseManifest(text, "m");
   ASSERT_TRUE(read.ok()) << read.status();
@@ -38,7 +38,9 @@ TEST(Manifest, IsReadAsItWasWritten) {
   EXPECT_EQ(read->files[0].image->bits, 16);
   EXPECT_TRUE(read->files[0].image->has_alpha);
   EXPECT_EQ(read->files[0].image->orientation, 6);
-  EXPECT_EQ(read->files[1].fault, "images/b.tif: found an empty file");
+  ASSERT_TRUE(read->files[1].fault.has_value());
+  EXPECT_EQ(FaultOf(read->files[1], "city/").message(), "city/images/b.tif: byte 0: found an empty file, expected an image");
+  EXPECT_TRUE(FaultOf(read->files[0], "").ok());
   EXPECT_FALSE(read->files[1].image.has_value());
   EXPECT_EQ(read->files[2].digest, (Digest{Sha256Hex("s"), 1}));
   EXPECT_EQ(ToJson(*read), text);
@@ -65,6 +67,9 @@ TEST(Manifest, RefusesWhatIsNone) {
       {ManifestText(R"({"name": "a", "size": 1, "sha256": "x"})"), "64 lower-case hex digits"},
       {ManifestText(EntryText("a", R"(, "image": {"width": 0, "height": 1})")), "files[0].image.width"},
       {ManifestText(EntryText("a", R"(, "image": 1)")), "files[0].image: found no object"},
+      {ManifestText(EntryText("a", R"(, "fault": "text")")), "files[0].fault: found no object"},
+      {ManifestText(EntryText("a", R"(, "fault": {"location": ""})")), "files[0].fault.found"},
+      {ManifestText(EntryText("a", R"(, "modified_ns": -1)")), "files[0].modified_ns"},
       {std::string(100, '['), "nest"},
   };
   for (const auto& [text, words] : kCases) {
@@ -80,7 +85,7 @@ TEST(Manifest, ReadsHeadersOfImages) {
   ASSERT_TRUE(WriteJpeg(image, ByteImage(8, 6, 3), 90).ok());
   ManifestFile file{"images/a.jpg", {}};
   ReadImageFacts(image, &file);
-  ASSERT_TRUE(file.image.has_value()) << file.fault;
+  ASSERT_TRUE(file.image.has_value()) << FaultOf(file, "");
   EXPECT_EQ(file.image->size, (ImageSize{8, 6}));
 
   ManifestFile other_name{"photograph", {}};
@@ -92,13 +97,13 @@ TEST(Manifest, ReadsHeadersOfImages) {
   ManifestFile broken{"images/b.JPG", {}};
   ReadImageFacts(text, &broken);
   EXPECT_FALSE(broken.image.has_value());
-  EXPECT_THAT(broken.fault, HasSubstr("images/b.JPG"));
-  EXPECT_THAT(broken.fault, testing::Not(HasSubstr(folder.path())));
+  EXPECT_THAT(std::string(FaultOf(broken, "").message()), HasSubstr("images/b.JPG: byte 0: found "));
+  EXPECT_THAT(std::string(FaultOf(broken, "").message()), testing::Not(HasSubstr(folder.path())));
 
   ManifestFile mesh{"mesh.ply", {}};
   ReadImageFacts(text, &mesh);
   EXPECT_FALSE(mesh.image.has_value());
-  EXPECT_EQ(mesh.fault, "");
+  EXPECT_FALSE(mesh.fault.has_value());
 }
 
 }  // namespace

@@ -106,7 +106,7 @@ TEST_F(SceneUploadTest, SendsAllFilesAndTheManifestLast) {
   EXPECT_EQ(manifest->files.size(), 7u);
   EXPECT_EQ(FindFile(*manifest, "mesh.ply")->digest, (Digest{Sha256Hex("ply"), 3}));
   EXPECT_EQ(FindFile(*manifest, "images/a.jpg")->image->size, (ImageSize{8, 6}));
-  EXPECT_THAT(FindFile(*manifest, "images/b.jpg")->fault, HasSubstr("images/b.jpg"));
+  EXPECT_THAT(std::string(FaultOf(*FindFile(*manifest, "images/b.jpg"), "").message()), HasSubstr("images/b.jpg: "));
 }
 
 TEST_F(SceneUploadTest, ARepeatedUploadSendsWhatIsMissingOrDiffers) {

@@ -204,5 +204,29 @@ TEST_F(AdmissionTest, CancelledSubmissionCreatesNoJob) {
   EXPECT_EQ(JobCount(), 0u);
 }
 
+TEST_F(AdmissionTest, SceneInAStoreNeedsASceneRoot) {
+  Submission submission = ASubmission();
+  submission.scene_path = "s3://bucket/city";
+  const Status refused = Submit(submission).status();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("--scene-root s3://BUCKET/PREFIX"));
+  EXPECT_EQ(reads_, 0);
+}
+
+TEST_F(AdmissionTest, CallerOverTheNetworkNamesNoFileOfTheMachine) {
+  const StoredScenes none;
+  environment_.stored_scenes = &none;
+  environment_.scenes_over_network = false;
+  Submission submission = ASubmission();
+  submission.scene_path = "s3://bucket/city";
+  submission.settings.classifier = scene_ + "/scene.json";
+  EXPECT_THAT(std::string(Submit(submission).status().message()), HasSubstr("a classifier in a file cannot be"));
+  submission.is_local = true;
+  EXPECT_THAT(std::string(Submit(submission).status().message()), HasSubstr("in no --scene-root"));
+  submission.is_local = false;
+  submission.settings.classifier = kDefaultClassifier;
+  EXPECT_THAT(std::string(Submit(submission).status().message()), HasSubstr("in no --scene-root"));
+}
+
 }  // namespace
 }  // namespace tessera

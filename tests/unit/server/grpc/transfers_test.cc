@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "common/scene/stored_scenes.h"
 #include "tests/support/servers/test_s3.h"
 #include "tests/unit/server/grpc/server_fixture.h"
 
@@ -176,6 +177,100 @@ TEST_F(TransfersTest, OutageOfTheStoreIsToldWithItsReason) {
   EXPECT_THAT(reason, testing::HasSubstr("127.0.0.1"));
   EXPECT_THAT(std::string(sent.message()), testing::Not(testing::HasSubstr("Signature")));
   server_->Shutdown(1);
+}
+
+// Two jobs whose scenes are in the store and have the same image.
+class StoredSceneTransfersTest : public TransfersTest {
+ protected:
+  void SetUp() override {
+    TransfersTest::SetUp();
+    if (IsSkipped()) return;
+    stored_ = *StoredScenes::Open({ToText(s3_->location)}, s3_->location.endpoint, "", s3_->credentials.get(),
+                                  &s3_->clock, {});
+    environment_.stored_scenes = stored_.get();
+    for (const std::string scene : {"a", "b"}) {
+      Store(scene, content_);
+      NewJob job = AJob(2);
+      job.scene_path = ToText(s3_->location) + scene;
+      job.scene_files = {{"image", image_}};
+      job_ = Create(job);
+    }
+    RestartServer();
+    worker_ = Register().worker();
+    // The first job is that of the folder.
+    const auto lease = LeaseOverRpc(worker_), second = LeaseOverRpc(worker_);
+    ASSERT_TRUE(lease.has_lease() && second.has_lease());
+    EXPECT_EQ(second.lease().spec().inputs(0).shared_path(), "");
+  }
+  void Store(const std::string& scene, const std::string& content) {
+    ASSERT_TRUE(s3_->client->Put(scene + "/image", content, Sha256Hex(content)).ok());
+  }
+
+  const std::string content_ = std::string(1'500'000, 's') + "scene";
+  const Digest image_ = DigestOf(content_);
+  std::unique_ptr<StoredScenes> stored_;
+  std::string job_;
+};
+
+TEST_F(StoredSceneTransfersTest, FilesAreReadWithoutTheCoordinator) {
+  for (const bool blobs_in_store : {true, false}) {
+    SCOPED_TRACE(blobs_in_store);
+    local_ = *FolderBlobs::Open(folder_.path() + (blobs_in_store ? "/one" : "/two"));
+    if (!blobs_in_store) environment_.transfers = nullptr;
+    if (!blobs_in_store) environment_.blobs = blobs_.get();
+    const Status fetched = Fetch(image_, *local_, worker_);
+    ASSERT_TRUE(fetched.ok()) << fetched;
+    EXPECT_EQ(*local_->Read(image_), content_);
+    EXPECT_EQ(Passed(), 0);
+  }
+}
+
+TEST_F(StoredSceneTransfersTest, OnlyAWorkerWithALeaseGetsUrls) {
+  v1::GetTransfersRequest request;
+  request.add_digests()->set_sha256(image_.sha256);
+  request.mutable_digests(0)->set_size_bytes(image_.size_bytes);
+  const auto ask = [&](const std::string& worker) {
+    grpc::ClientContext context;
+    if (!worker.empty()) As(context, worker);
+    v1::GetTransfersResponse response;
+    const grpc::Status status = blob_service_->GetTransfers(&context, request, &response);
+    if (!status.ok() || response.transfers(0).requests().empty()) return false;
+    return response.transfers(0).requests(0).url().find("a/image?") != std::string::npos;
+  };
+  EXPECT_TRUE(ask(worker_));
+  EXPECT_FALSE(ask(Register().worker()));
+  EXPECT_FALSE(ask(""));
+}
+
+TEST_F(StoredSceneTransfersTest, FileThatChangedIsReadFromAnotherSceneOrTold) {
+  Store("a", std::string(content_.size(), '?'));
+  ASSERT_TRUE(Fetch(image_, *local_, worker_).ok());
+  EXPECT_EQ(*local_->Read(image_), content_);
+
+  local_ = *FolderBlobs::Open(folder_.path() + "/again");
+  ASSERT_TRUE(s3_->client->Delete({"a/image"}).ok());
+  ASSERT_TRUE(Fetch(image_, *local_, worker_).ok());
+
+  local_ = *FolderBlobs::Open(folder_.path() + "/none");
+  Store("b", "short");
+  const Status gone = Fetch(image_, *local_, worker_);
+  EXPECT_EQ(gone.code(), absl::StatusCode::kNotFound) << gone;
+  EXPECT_THAT(std::string(gone.message()), testing::HasSubstr("a/image was changed after its job was submitted"));
+  EXPECT_EQ(Passed(), 0);
+}
+
+TEST_F(StoredSceneTransfersTest, BlobServiceReadsThemToo) {
+  v1::ReadBlobRequest request;
+  request.mutable_digest()->set_sha256(image_.sha256);
+  request.mutable_digest()->set_size_bytes(image_.size_bytes);
+  grpc::ClientContext context;
+  As(context, worker_);
+  const auto reader = blob_service_->ReadBlob(&context, request);
+  v1::BlobChunk chunk;
+  std::string read;
+  while (reader->Read(&chunk)) read += chunk.data();
+  EXPECT_TRUE(reader->Finish().ok());
+  EXPECT_EQ(read, content_);
 }
 
 }  // namespace
