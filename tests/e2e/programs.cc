@@ -13,6 +13,7 @@
 
 #include "common/storage/hash.h"
 #include "server/client/base_job.h"
+#include "tests/e2e/free_address.h"
 
 namespace tessera::e2e {
 namespace {
@@ -226,7 +227,7 @@ std::map<std::string, int> AttemptsOf(const std::string& job_json, const std::st
 
 Cluster::Cluster(const std::string& folder, double lease_s, const std::vector<std::string>& arguments,
                  const std::string& host)
-    : folder_(folder), data_(folder + "/data"), coordinator_arguments_(arguments), address_(host + ":0") {
+    : folder_(folder), data_(folder + "/data"), coordinator_arguments_(arguments), address_(FreeAddress(host)) {
   coordinator_arguments_.insert(coordinator_arguments_.end(), {"--data", data_, "--lease-s", std::to_string(lease_s)});
   StartCoordinator();
 }

@@ -12,12 +12,17 @@
 #include "common/storage/files.h"
 #include "tests/e2e/namespaces.h"
 #include "tests/soak/faults.h"
+#include "tests/soak/own_servers.h"
+#include "tests/soak/server_storage.h"
 #include "tests/soak/soaked_jobs.h"
+#include "tests/support/servers/test_server.h"
 
 namespace tessera::soak {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr int kSkipped = 77;  // exit code; CMakeLists.txt has it, too
 
 struct Flags {
   double minutes = 1;
@@ -26,6 +31,7 @@ struct Flags {
   int workers = 3;
   double round_s = 30;
   double end_s = 240;
+  bool servers = false;
 };
 
 class Progress {
@@ -60,20 +66,23 @@ void Print(const Tally& tally, const History& history) {
   PrintCounts("attempts that failed", tally.failures);
   std::printf(
       "%d files, %lld bytes compared with those of undisturbed jobs\n%d records read, %d lists of jobs looked through\n"
-      "longest wait for all jobs after the last fault: %.1f s; for `tessera jobs`: %.1f s\n%.0f s in all\n",
+      "longest wait for all jobs after the last fault: %.1f s; for `tessera jobs`: %.1f s\n"
+      "%d starts of the coordinator were refused; %d times it had lost its right to write\n%.0f s in all\n",
       tally.files, static_cast<long long>(tally.bytes), tally.records, tally.answers, tally.longest_end_s,
-      tally.longest_answer_s, history.Now_s());
+      tally.longest_answer_s, tally.refused_starts, tally.replacements, history.Now_s());
 }
 
 // A cluster from its start to its end.
 class Round {
  public:
-  Round(const std::string& folder, const Flags& flags, bool disks, uint64_t seed, History& history, Tally& tally)
+  // `storage`: null if state and blobs are in the coordinator's folder.
+  Round(const std::string& folder, const Flags& flags, bool disks, ServerStorage* storage, uint64_t seed,
+        History& history, Tally& tally)
       : flags_(flags),
         seed_(seed),
         history_(history),
         tally_(tally),
-        cluster_(folder, flags.workers, disks, seed, history),
+        cluster_(folder, flags.workers, disks, storage, seed, history),
         faults_(cluster_, disks, seed, history, tally.faults),
         jobs_(cluster_, seed, history, tally) {}
 
@@ -107,10 +116,14 @@ class Round {
     tally_.longest_end_s = std::max(tally_.longest_end_s, history_.Now_s() - lifted_s);
     jobs_.Compare();
     cluster_.Finish();
-    jobs_.CheckRecords(e2e::AuditRecords(cluster_.data() + "/state.sqlite"));
+    tally_.refused_starts += cluster_.refused_starts();
+    tally_.replacements += cluster_.replacements();
+    ServerStorage* const storage = cluster_.storage();
+    jobs_.CheckRecords(e2e::AuditRecords(storage != nullptr ? storage->state() : cluster_.data() + "/state.sqlite"));
   }
   // What is left of the state, for who looks for a fault: file systems in memory go with this process.
   void KeepState(const std::string& to) {
+    if (cluster_.storage() != nullptr) return cluster_.storage()->Dump(to);
     for (const char* name : {"state.sqlite", "state.sqlite-wal"}) {
       std::error_code ignored;
       fs::copy_file(cluster_.data() + "/" + name, to + "/" + name, ignored);
@@ -134,14 +147,54 @@ class Round {
   SoakedJobs jobs_;
 };
 
+// One cluster, from its start to its end. Whether all held.
+bool SoakCluster(int number, const std::string& folder, const Flags& flags, bool disks, OwnServers* servers,
+                 double left_s, History& history, Tally& tally, Progress& progress) {
+  fs::create_directories(folder);
+  history.Note("cluster " + std::to_string(number));
+  std::unique_ptr<ServerStorage> storage;
+  std::unique_ptr<Round> round;
+  try {
+    if (servers != nullptr) storage = std::make_unique<ServerStorage>(*servers, folder, number);
+    round = std::make_unique<Round>(folder, flags, disks, storage.get(),
+                                    MixBits(flags.seed) + static_cast<uint64_t>(number), history, tally);
+    round->Run(left_s, [&] { progress.Show(history, number, tally); });
+    return true;
+  } catch (const std::exception& error) {
+    Print(tally, history);
+    std::printf("VIOLATION with seed %llu, cluster %d, step %d: %s\nbefore it:\n",
+                static_cast<unsigned long long>(flags.seed), number, history.steps(), error.what());
+    for (const std::string& line : history.last()) std::printf("  %s\n", line.c_str());
+    std::printf("kept: %s\n", folder.c_str());
+    std::fflush(stdout);
+  }
+  try {
+    if (round != nullptr) round->KeepState(folder);
+  } catch (const std::exception& error) {
+    std::printf("the state is not kept: %s\n", error.what());
+  }
+  return false;
+}
+
 int Soak(Flags flags) {
   std::printf("seed %llu, %.1f minutes\n", static_cast<unsigned long long>(flags.seed), flags.minutes);
-  const Status own_mounts = e2e::EnterNamespaces(CLONE_NEWNS);
+  if (flags.out.empty()) flags.out = fs::temp_directory_path() / ("cluster_soak-" + std::to_string(::getpid()));
+  fs::create_directories(flags.out);
+  std::unique_ptr<OwnServers> servers;
+  if (flags.servers) {
+    servers = std::make_unique<OwnServers>(flags.out + "/servers");
+    if (!servers->missing().empty()) {
+      std::printf("%s\n", servers->missing().c_str());
+      return ServersAreRequired() ? 1 : kSkipped;
+    }
+  }
+  // In a user namespace, PostgreSQL could not be started again: it needs a second user.
+  const Status own_mounts = flags.servers && ::geteuid() != 0
+                                ? absl::FailedPreconditionError("--servers needs root for that")
+                                : e2e::EnterNamespaces(CLONE_NEWNS);
   if (!own_mounts.ok()) {
     std::printf("no full disks: %s\n", std::string(own_mounts.message()).c_str());
   }
-  if (flags.out.empty()) flags.out = fs::temp_directory_path() / ("cluster_soak-" + std::to_string(::getpid()));
-  fs::create_directories(flags.out);
   std::printf("logs in %s\n", flags.out.c_str());
   std::fflush(stdout);
   // Their results too are made when they are first needed.
@@ -152,22 +205,8 @@ int Soak(Flags flags) {
   Progress progress(all_s);
   for (int number = 1; number == 1 || history.Now_s() < all_s; ++number) {
     const std::string folder = flags.out + "/" + std::to_string(number);
-    fs::create_directories(folder);
-    history.Note("cluster " + std::to_string(number));
-    auto round = std::make_unique<Round>(folder, flags, own_mounts.ok(),
-                                         MixBits(flags.seed) + static_cast<uint64_t>(number), history, tally);
-    try {
-      round->Run(std::max(1.0, all_s - history.Now_s()), [&] { progress.Show(history, number, tally); });
-    } catch (const std::exception& error) {
-      round->KeepState(folder);
-      Print(tally, history);
-      std::printf("VIOLATION with seed %llu, cluster %d, step %d: %s\nbefore it:\n",
-                  static_cast<unsigned long long>(flags.seed), number, history.steps(), error.what());
-      for (const std::string& line : history.last()) std::printf("  %s\n", line.c_str());
-      std::printf("kept: %s\n", folder.c_str());
-      return 1;
-    }
-    round = nullptr;
+    const double left_s = std::max(1.0, all_s - history.Now_s());
+    if (!SoakCluster(number, folder, flags, own_mounts.ok(), servers.get(), left_s, history, tally, progress)) return 1;
     fs::remove_all(folder);
   }
   Print(tally, history);
@@ -190,8 +229,15 @@ int main(int argc, char** argv) {
   app.add_option("--out", flags.out, "folder for logs; else one in the system's temporary folder");
   app.add_option("--workers", flags.workers)->check(CLI::Range(1, 16))->capture_default_str();
   app.add_option("--round-s", flags.round_s, "of faults, for one cluster, on average")->capture_default_str();
+  app.add_flag("--servers", flags.servers,
+               "state in PostgreSQL and blobs in an S3 store, which are started for this and have faults, too");
   app.add_option("--end-s", flags.end_s, "in which all jobs must end once there are no faults any more")
       ->capture_default_str();
   CLI11_PARSE(app, argc, argv);
-  return tessera::soak::Soak(flags);
+  try {
+    return tessera::soak::Soak(flags);
+  } catch (const std::exception& error) {
+    std::printf("the soak itself failed: %s\n", error.what());
+    return 1;
+  }
 }

@@ -25,6 +25,8 @@ Faults::Faults(SoakedCluster& cluster, bool disks, uint64_t seed, History& histo
     network(worker).Set(mode);
     return Until(Pause_s(), [network, worker] { network(worker).Set(TcpProxy::Mode::kPass); });
   };
+  // On servers, a coordinator that was killed is away for longer: 6 s.
+  const bool on_servers = cluster_.storage() != nullptr;
   kinds_ = {
       {"worker killed", 3, [this] { return cluster_.EndWorker(Any(), true, random_.Uniform(0, 4)); }},
       {"worker drained", 2, [this] { return cluster_.EndWorker(Any(), false, random_.Uniform(0, 4)); }},
@@ -34,7 +36,8 @@ Faults::Faults(SoakedCluster& cluster, bool disks, uint64_t seed, History& histo
          cluster_.StopWorker(worker, true);
          return Until(Pause_s(), [this, worker] { cluster_.StopWorker(worker, false); });
        }},
-      {"coordinator killed", 2, [this] { return cluster_.EndCoordinator(true, random_.Uniform(0, 3)); }},
+      {"coordinator killed", on_servers ? 1.0 : 2.0,
+       [this] { return cluster_.EndCoordinator(true, random_.Uniform(0, 3)); }},
       {"coordinator ended", 1, [this] { return cluster_.EndCoordinator(false, random_.Uniform(0, 3)); }},
       {"coordinator stands still", 1,
        [this] {
@@ -56,10 +59,17 @@ Faults::Faults(SoakedCluster& cluster, bool disks, uint64_t seed, History& histo
          return true;
        }},
       {"database locked", 1, [this] { return LockDatabase(); }},
-      {"stored file harmed", 5, [this] { return HarmBlob(); }},
+      {"stored file harmed", on_servers ? 9.0 : 5.0, [this] { return HarmBlob(); }},
       {"scratch folder gone", 1, [this] { return TakeScratch(); }},
   };
   if (disks) kinds_.push_back({"disk full", 3, [this] { return FillDisk(); }});
+  if (cluster_.storage() != nullptr) AddServerKinds();
+}
+
+void Faults::AddServerKinds() {
+  kinds_.push_back({"database killed", 2, [this] { return KillServer(Server::kPostgres); }});
+  kinds_.push_back({"S3 gateway killed", 2, [this] { return KillServer(Server::kGateway); }});
+  kinds_.push_back({"S3 gateway stands still", 2, [this] { return SuspendGateway(); }});
 }
 
 int Faults::Any() {
@@ -103,15 +113,57 @@ void Faults::Lift() {
     lifts_.erase(lifts_.begin());
     lift();
   }
+  LookAtServers();
 }
 
 void Faults::LiftAll() {
   for (const auto& [when, lift] : std::exchange(lifts_, {})) lift();
+  if (cluster_.storage() != nullptr) cluster_.storage()->servers().Restore();
+  LookAtServers();
   cluster_.LiftAll();
+}
+
+bool Faults::KillServer(Server server) {
+  if (!away_.emplace(server, 1).second) return false;
+  cluster_.AddHarmOfState(1);
+  if (server == Server::kPostgres) cluster_.SetDatabaseAway(true);
+  cluster_.storage()->servers().Kill(server);
+  return Until(random_.Uniform(0, 3), [this, server] { cluster_.storage()->servers().StartAgain(server); });
+}
+
+bool Faults::SuspendGateway() {
+  if (!away_.emplace(Server::kGateway, 0).second) return false;  // a coordinator that starts waits for it
+  cluster_.storage()->servers().SuspendGateway(true);
+  return Until(random_.Uniform(0.5, 6), [this] { cluster_.storage()->servers().SuspendGateway(false); });
+}
+
+void Faults::LookAtServers() {
+  std::erase_if(away_, [this](const auto& entry) {
+    const auto& [server, harms] = entry;
+    if (!cluster_.storage()->servers().Serves(server)) return false;
+    cluster_.AddHarmOfState(-harms);
+    if (server == Server::kPostgres) cluster_.SetDatabaseAway(false);
+    return true;
+  });
+}
+
+bool Faults::LockRecords() {
+  if (away_.contains(Server::kPostgres)) return false;
+  const double for_s = random_.Uniform(0.3, 2.8);
+  auto lock = cluster_.storage()->LockRecords();
+  if (lock == nullptr) return false;
+  database_locked_ = true;
+  cluster_.AddHarmOfState(1);
+  return Until(for_s, [this, lock]() mutable {
+    lock.reset();
+    database_locked_ = false;
+    cluster_.AddHarmOfState(-1);
+  });
 }
 
 bool Faults::LockDatabase() {
   if (database_locked_) return false;
+  if (cluster_.storage() != nullptr) return LockRecords();
   sqlite3* opened = nullptr;
   sqlite3_open_v2((cluster_.data() + "/state.sqlite").c_str(), &opened, SQLITE_OPEN_READWRITE, nullptr);
   const std::shared_ptr<sqlite3> db(opened, sqlite3_close);
@@ -129,7 +181,8 @@ bool Faults::LockDatabase() {
 }
 
 bool Faults::FillDisk() {
-  const int64_t which = random_.Below(3);
+  int64_t which = random_.Below(3);
+  if (which == 1 && cluster_.storage() != nullptr) which = 2;  // no blobs are in the folder
   const double for_s = random_.Uniform(0.5, 6);
   const int worker = which == 2 ? Any() : -1;
   const std::string disk = which == 0   ? cluster_.data()
@@ -156,6 +209,12 @@ bool Faults::HarmBlob() {
   const double place = random_.Uniform();
   const auto harm = static_cast<e2e::Harm>(random_.Below(3));
   static constexpr const char* kHow[] = {"flipped", "cut", "deleted"};
+  if (folder == 0 && cluster_.storage() != nullptr) {
+    if (away_.contains(Server::kGateway)) return false;
+    const std::string blob = cluster_.storage()->HarmBlob(place, harm);
+    what_ += std::string(", ") + kHow[static_cast<int>(harm)] + ": " + blob;
+    return !blob.empty();
+  }
   std::error_code gone;
   if (!fs::exists(folders[folder], gone)) return false;
   try {  // files come and go meanwhile

@@ -14,13 +14,15 @@ namespace tessera::soak {
 
 class Faults {
  public:
-  // All must outlive it. `disks`: the cluster's folders are small file systems, which can be full.
+  // All must outlive it. `disks`: the cluster's folders are small file systems, which can be full. A cluster with
+  // ServerStorage has faults of its servers, too.
   Faults(SoakedCluster& cluster, bool disks, uint64_t seed, History& history, std::map<std::string, int>& counts);
 
   // Lets a fault begin, counted by its kind; none if the one that is drawn cannot be now.
   void Strike();
   // Ends those whose time is over.
   void Lift();
+  // Ends all, and waits until the servers serve again.
   void LiftAll();
 
  private:
@@ -36,7 +38,13 @@ class Faults {
   int Any();
   // Shorter than a lease or longer, by chance.
   double Pause_s();
+  void AddServerKinds();
+  bool KillServer(Server server);
+  bool SuspendGateway();
+  // Takes note of servers that serve again.
+  void LookAtServers();
   bool LockDatabase();
+  bool LockRecords();
   bool FillDisk();
   bool HarmBlob();
   bool TakeScratch();
@@ -52,6 +60,7 @@ class Faults {
   std::string what_;                                    // of the fault that begins now
   bool database_locked_ = false;
   std::set<std::string> harmed_;  // folders, now
+  std::map<Server, int> away_;    // killed or suspended, now; with their harms of the state
 };
 
 }  // namespace tessera::soak

@@ -21,8 +21,9 @@ struct Tally {
   std::map<std::string, int> faults, commands, jobs, failures;
   int files = 0, records = 0, answers = 0;
   int64_t bytes = 0;
-  double longest_end_s = 0;     // from the end of all faults to that of the last job
-  double longest_answer_s = 0;  // of `tessera jobs` while the coordinator is well
+  double longest_end_s = 0;                  // from the end of all faults to that of the last job
+  double longest_answer_s = 0;               // of `tessera jobs` while the coordinator is well
+  int refused_starts = 0, replacements = 0;  // see SoakedCluster
 };
 
 // What is asked for: a scene with settings.
