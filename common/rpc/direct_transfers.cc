@@ -149,8 +149,8 @@ std::optional<Status> DirectTransfers::Fetch(const Digest& digest, BlobStore& st
   const auto committed = [&] { return store.CommittedBytes(digest).value_or(0); };
   std::optional<SignedRequest> checked_request;
   for (bool denied = false;;) {
-    const auto request = checked_request ? StatusOr<std::optional<SignedRequest>>(checked_request)
-                                         : RequestFor(digest, false);
+    const auto request =
+        checked_request ? StatusOr<std::optional<SignedRequest>>(checked_request) : RequestFor(digest, false);
     if (!request.ok()) return request.status();
     if (!request->has_value()) return std::nullopt;
     const int64_t before = committed();

@@ -80,9 +80,9 @@ StatusOr<ManifestFile> ReadEntry(const Json& json, const std::string& file, cons
     const std::string fault_place = place + ".fault";
     if (!fault->is_object()) return InputError(file, fault_place, "no object", "an object with found and expected");
     EntryReader parts(*fault, file, fault_place);
-    entry.fault = InputFault{"", Printable(parts.Text("location", kMaxFaultBytes)),
-                             Printable(parts.Text("found", kMaxFaultBytes)),
-                             Printable(parts.Text("expected", kMaxFaultBytes))};
+    entry.fault =
+        InputFault{"", Printable(parts.Text("location", kMaxFaultBytes)),
+                   Printable(parts.Text("found", kMaxFaultBytes)), Printable(parts.Text("expected", kMaxFaultBytes))};
     TESSERA_RETURN_IF_ERROR(parts.status());
   }
   const auto image = json.find("image");

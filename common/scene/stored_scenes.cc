@@ -45,7 +45,9 @@ StatusOr<Digest> StreamObject(S3Client& client, const std::string& key, const st
 class SceneFetcher {
  public:
   SceneFetcher(const StoredScenes::Place& place, const std::function<bool()>& cancelled, FetchedScene* fetched)
-      : client_(*place.client), prefix_(place.key.empty() ? "" : place.key + "/"), cancelled_(cancelled),
+      : client_(*place.client),
+        prefix_(place.key.empty() ? "" : place.key + "/"),
+        cancelled_(cancelled),
         fetched_(*fetched) {}
 
   Status ReadManifest() {
@@ -239,10 +241,10 @@ StatusOr<SceneDescription> LoadFetchedScene(const FetchedScene& fetched, Warning
   StatusOr<SceneDescription> scene = LoadScene(fetched.folder, &found, options);
   const auto& others = fetched.not_in_manifest;
   if (!others.empty()) {
-    const size_t shown = std::min(others.size(), kShownNames);
+    const auto shown = others.begin() + static_cast<std::ptrdiff_t>(std::min(others.size(), kShownNames));
     found.push_back(absl::StrCat(kManifestName, ": does not have ", others.size(), " files of the scene, such as ",
-                                 absl::StrJoin(others.begin(), others.begin() + static_cast<std::ptrdiff_t>(shown), ", "),
-                                 ": repeat tessera upload, so that jobs read them"));
+                                 absl::StrJoin(others.begin(), shown, ", "),
+                                 ": jobs do not read them; repeat tessera upload if they are new"));
   }
   Faults faults;
   if (!scene.ok()) {

@@ -51,8 +51,8 @@ class StoredScenes {
 struct FetchedScene {
   std::string url;  // s3://BUCKET/PREFIX, without a slash at its end
   TempFolder scratch;
-  std::string folder;      // in `scratch`: has scene.json and the files of the camera model
-  SceneManifest manifest;  // without files that the store lacks
+  std::string folder;                             // in `scratch`: has scene.json and the files of the camera model
+  SceneManifest manifest;                         // without files that the store lacks
   std::map<std::string, std::string> heads = {};  // SceneLoadOptions::heads_elsewhere
   // Faults of the store against the manifest, by name: other sizes, and objects that the manifest lacks.
   std::map<std::string, std::string> other_sizes = {};

@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-constexpr int kMaxTransfers = 1000;         // digests of a call, and parts of a content
+constexpr int kMaxTransfers = 1000;            // digests of a call, and parts of a content
 constexpr double kSceneTransferValid_s = 900;  // of the URL of a scene file, without an object store for blobs
 
 // An error of the store that the caller did not cause is an outage: the caller waits and tries again.
@@ -60,10 +60,10 @@ StatusOr<v1::Transfer> BlobsService::TransferOfSceneFile(const Caller& caller, c
       }
     }
     TESSERA_ASSIGN_OR_RETURN(const StoredScenes::Place place, scenes.Find(url));
-    TESSERA_ASSIGN_OR_RETURN(const SignedRequest signed_request,
-                             place.client->SignGet(place.key, environment_.transfers == nullptr
-                                                                  ? kSceneTransferValid_s
-                                                                  : environment_.transfers->valid_s()));
+    TESSERA_ASSIGN_OR_RETURN(
+        const SignedRequest signed_request,
+        place.client->SignGet(
+            place.key, environment_.transfers == nullptr ? kSceneTransferValid_s : environment_.transfers->valid_s()));
     v1::Transfer transfer;
     SetRequest(signed_request, transfer.add_requests());
     return transfer;
@@ -91,7 +91,8 @@ StatusOr<v1::Transfer> BlobsService::TransferOf(const Caller& caller, const Dige
     for (const SignedRequest& signed_request : upload.requests) SetRequest(signed_request, transfer.add_requests());
     return transfer;
   }
-  // The blob service reads files of scenes in folders. Asking the store for each would take long: a scene has thousands.
+  // The blob service reads files of scenes in folders. Asking the store for each would take long: a scene has
+  // thousands.
   if (!jobs_.SceneFilesWith(digest).empty()) return transfer;
   TESSERA_ASSIGN_OR_RETURN(const SignedRequest signed_request, transfers.Read(digest));
   SetRequest(signed_request, transfer.add_requests());

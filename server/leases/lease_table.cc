@@ -8,6 +8,8 @@ namespace {
 
 constexpr size_t kRecentTiles = 8;
 
+const std::string& MachineOf(const WorkerInfo& info) { return info.machine.empty() ? info.host : info.machine; }
+
 }  // namespace
 
 const LeaseState* LeaseTable::Find(TaskRef ref) const {
@@ -59,16 +61,16 @@ WorkerState* LeaseTable::FindWorker(const std::string& worker) {
 void LeaseTable::AddWorker(const std::string& worker, const WorkerInfo& info, int64_t now_us) {
   if (info.memory_bytes > Largest().memory_bytes) largest_since_us_ = now_us;
   workers_[worker] = {info, now_us};
-  workers_of_host_[info.host].insert(worker);
+  workers_of_machine_[MachineOf(info)].insert(worker);
   ++workers_of_client_[info.client];
 }
 
 void LeaseTable::RemoveWorker(const std::string& worker) {
   const auto found = workers_.find(worker);
   if (found == workers_.end()) return;
-  const auto host = workers_of_host_.find(found->second.info.host);
-  host->second.erase(worker);
-  if (host->second.empty()) workers_of_host_.erase(host);
+  const auto machine = workers_of_machine_.find(MachineOf(found->second.info));
+  machine->second.erase(worker);
+  if (machine->second.empty()) workers_of_machine_.erase(machine);
   const auto client = workers_of_client_.find(found->second.info.client);
   if (--client->second == 0) workers_of_client_.erase(client);
   workers_.erase(found);
@@ -122,7 +124,7 @@ HostLoad LeaseTable::LoadOf(const std::string& worker) const {
   const auto found = workers_.find(worker);
   if (found == workers_.end()) return load;
   int most_threads = 0;
-  for (const std::string& name : workers_of_host_.at(found->second.info.host)) {
+  for (const std::string& name : workers_of_machine_.at(MachineOf(found->second.info))) {
     const WorkerState& other = workers_.at(name);
     ++load.workers;
     load.cores = std::max(load.cores, other.info.cores);

@@ -18,8 +18,8 @@ struct WorkerInfo {
   int pid = 0;
   int threads = 0;  // thread limit of its tasks
   int64_t memory_bytes = 0;
-  int cores = 0;             // of the host; 0: unknown
-  std::string machine = {};  // host and boot; empty: unknown
+  int cores = 0;             // of the machine; 0: unknown
+  std::string machine = {};  // host, boot and, if a scheduler shares the host out, allocation; empty: unknown
   std::string client = {};   // that registered it
 };
 
@@ -106,7 +106,7 @@ class LeaseTable {
   LargestWorker Largest() const;
   // The worker with the latest task of the tile, if still registered; else empty.
   const std::string& LastWorkerOf(TileRef tile) const;
-  // Load of the worker's host. Unknown cores are replaced by the largest thread limit of its workers.
+  // Load of the worker's machine, or of its host if that is unknown. Unknown cores are replaced by the largest thread limit of its workers.
   HostLoad LoadOf(const std::string& worker) const;
   void DropJob(int job);
   // Removes workers without a lease whose last call was before `before_us`.
@@ -115,7 +115,7 @@ class LeaseTable {
  private:
   std::map<TaskRef, LeaseState> leases_;
   std::map<std::string, WorkerState> workers_;
-  std::map<std::string, std::set<std::string>> workers_of_host_;
+  std::map<std::string, std::set<std::string>> workers_of_machine_;
   std::map<std::string, int> workers_of_client_;  // counts above 0
   std::map<TileRef, std::string> last_workers_;
   int64_t largest_since_us_ = 0;

@@ -48,8 +48,8 @@ StatusOr<OpenedScenes> OpenStoredScenes(const std::vector<std::string>& roots, c
   opened.credentials = DefaultS3Credentials(clock);
   S3ClientOptions options;
   options.ca_file = flags.ca_file;
-  TESSERA_ASSIGN_OR_RETURN(opened.scenes, StoredScenes::Open(urls, flags.endpoint, flags.region,
-                                                             opened.credentials.get(), clock, options));
+  TESSERA_ASSIGN_OR_RETURN(
+      opened.scenes, StoredScenes::Open(urls, flags.endpoint, flags.region, opened.credentials.get(), clock, options));
   return opened;
 }
 

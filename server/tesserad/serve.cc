@@ -110,7 +110,8 @@ std::vector<std::string> FoldersOf(std::vector<std::string> scene_roots) {
 // DispatchEnvironment::hash_scene_file.
 StatusOr<Digest> HashSceneFile(const std::string& path, const StoredScenes* scenes) {
   if (!IsS3Url(path)) return HashFile(path);
-  if (scenes == nullptr) return absl::UnavailableError(path + " cannot be read without --scene-root s3://BUCKET/PREFIX");
+  if (scenes == nullptr)
+    return absl::UnavailableError(path + " cannot be read without --scene-root s3://BUCKET/PREFIX");
   StatusOr<Digest> digest = scenes->Hash(path);
   if (digest.ok() || absl::IsNotFound(digest.status())) return digest;
   return absl::UnavailableError(absl::StrCat(path, ": ", std::string(digest.status().message())));
@@ -199,9 +200,9 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
     TESSERA_RETURN_IF_ERROR(ShareFolder(opened.folder, environment));
   }
   TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(places.listen, environment));
-  const ServingMetrics serving(metrics, {[&] { return SnapshotOf(coordinator->core()); },
-                                         [&] { return blobs->FreeSpace(); }, &server->rpc_counts(),
-                                         CountsOf(opened, scenes)});
+  const ServingMetrics serving(metrics,
+                               {[&] { return SnapshotOf(coordinator->core()); }, [&] { return blobs->FreeSpace(); },
+                                &server->rpc_counts(), CountsOf(opened, scenes)});
   if (!options.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(options.port_file, server->address() + "\n"));
   for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
   WarnOfOpenAddresses(*server, *access);
@@ -261,7 +262,8 @@ Status Serve(const ServeOptions& options, const sigset_t& stop_signals) {
   };
   TESSERA_ASSIGN_OR_RETURN(const auto store, AwaitState(places.state, storage, stop));
   if (store == nullptr) return absl::OkStatus();
-  const Status served = ServeState(options, places, storage, blobs, scenes.scenes.get(), *store, metrics.get(), stop_signals);
+  const Status served =
+      ServeState(options, places, storage, blobs, scenes.scenes.get(), *store, metrics.get(), stop_signals);
   store->Release();  // a standby takes over at once
   return served;
 }

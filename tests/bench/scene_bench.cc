@@ -102,9 +102,8 @@ int Main(int argc, char** argv) {
   SceneListing listing;
   SceneRequest request;
   request.classifier = "none";
-  const double read_s = Seconds([&] {
-    listing = Value(ReadStoredScene(ToText(location), request, AllowedFiles::All(), *scenes, {}));
-  });
+  const double read_s =
+      Seconds([&] { listing = Value(ReadStoredScene(ToText(location), request, AllowedFiles::All(), *scenes, {})); });
   int64_t received = 0, calls = 0;
   for (const auto& [method, counts] : scenes->counts()) {
     received += counts.received_bytes;

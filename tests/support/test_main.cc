@@ -2,6 +2,7 @@
 // testing::TempDir() is a folder of this process. It is removed at the end; a test that is killed leaves it behind.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <cstdio>
 #include <cstdlib>
@@ -11,7 +12,9 @@
 int main(int argc, char** argv) {
   testing::InitGoogleMock(&argc, argv);
   std::string folder = testing::TempDir() + "tessera_test.XXXXXX";
-  if (mkdtemp(folder.data()) == nullptr || setenv("TEST_TMPDIR", folder.c_str(), 1) != 0) {
+  // Tests start programs as other users, too.
+  if (mkdtemp(folder.data()) == nullptr || chmod(folder.c_str(), 0755) != 0 ||
+      setenv("TEST_TMPDIR", folder.c_str(), 1) != 0) {
     std::perror(folder.c_str());
     return 1;
   }

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <mutex>
 #include <new>
@@ -151,6 +152,10 @@ class Agent::Impl {
       heartbeats.join();
       const Status unregistered = link_.Unregister(worker());
       LogInfo("stopped", {{"worker", worker()}, {"unregistered", unregistered.ok() ? "yes" : MessageOf(unregistered)}});
+    } else if (IdleLeft_s() <= 0) {
+      status = absl::UnavailableError("no coordinator at " + options_.coordinator.address + " accepted this worker for " +
+                                      std::to_string(static_cast<int64_t>(options_.idle_s)) + " s: " +
+                                      MessageOf(status));
     }
     return draining_ ? absl::OkStatus() : status;
   }
@@ -217,9 +222,20 @@ class Agent::Impl {
     return absl::OkStatus();
   }
 
+  // False if the worker ends instead.
   bool WaitToRegister(double seconds) {
+    const double left_s = IdleLeft_s();
+    if (left_s <= 0) return false;
     std::unique_lock lock(mutex_);
-    return !changed_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return draining_ || ended_; });
+    return !changed_.wait_for(lock, std::chrono::duration<double>(std::min(seconds, left_s)),
+                              [&] { return draining_ || ended_; });
+  }
+
+  // Until the worker ends because it has no task.
+  double IdleLeft_s() const {
+    std::lock_guard lock(mutex_);
+    if (options_.idle_s <= 0 || attempt_ != nullptr) return std::numeric_limits<double>::infinity();
+    return options_.idle_s - std::chrono::duration<double>(std::chrono::steady_clock::now() - idle_since_).count();
   }
 
   // Runs `call` with the worker's name. If the coordinator does not have the worker, registers and retries.
@@ -241,8 +257,13 @@ class Agent::Impl {
         lease = RunLease(*lease);
         continue;
       }
+      const double left_s = IdleLeft_s();
+      if (left_s <= 0) {
+        LogInfo("no task: stops", {{"worker", worker()}, {"seconds", std::to_string(options_.idle_s)}});
+        break;
+      }
       const Status status = CallAs([&](const std::string& name) -> Status {
-        auto answer = link_.Lease(name, options_.lease_wait_s, lease_call_);
+        auto answer = link_.Lease(name, std::min(options_.lease_wait_s, left_s), lease_call_);
         if (answer.ok()) lease = *std::move(answer);
         return answer.status();
       });
@@ -257,7 +278,7 @@ class Agent::Impl {
       if (RefusalOf(status) == Refusal::kOtherVersion) return status;
       if (!unreachable) LogWarning("cannot get a task; retrying", {{"reason", MessageOf(status)}});
       unreachable = true;
-      Wait(backoff.NextDelay(status));
+      Wait(std::min(backoff.NextDelay(status), left_s));
     }
     return absl::OkStatus();
   }
@@ -292,6 +313,7 @@ class Agent::Impl {
   void SetAttempt(std::shared_ptr<Attempt> attempt) {
     std::lock_guard lock(mutex_);
     attempt_ = std::move(attempt);
+    idle_since_ = std::chrono::steady_clock::now();
   }
 
   // Runs one lease from fetching inputs to storing outputs.
@@ -444,6 +466,8 @@ class Agent::Impl {
   Registration registration_;           // guarded by mutex_
   bool to_probe_ = false;               // guarded by mutex_: files_ must probe this registration
   std::shared_ptr<Attempt> attempt_;    // guarded by mutex_
+  // Guarded by mutex_: since when there is no attempt, or the start.
+  std::chrono::steady_clock::time_point idle_since_ = std::chrono::steady_clock::now();
   bool ended_ = false;                  // guarded by mutex_: no further lease follows
   std::atomic<bool> draining_{false};   // written under mutex_
   std::atomic<bool> last_task_{false};  // written under mutex_: lease no task after the current one

@@ -21,6 +21,7 @@ struct AgentOptions {
   bool use_shared_storage = true;
   int64_t cache_bytes = int64_t{20} << 30;
   double lease_wait_s = 20;  // how long a lease call waits for a task
+  double idle_s = 0;         // Run ends after this time without a task; 0: never
   WorkerDescription description;
   RetryPolicy retry;            // while the coordinator is unreachable; the number of attempts is always unlimited
   double storage_wait_s = 600;  // how long finished outputs wait for storage space before the attempt fails
@@ -35,9 +36,9 @@ class Agent {
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options, TaskRunner runner);
   ~Agent();
 
-  // Runs until StopLeasing or Drain. If the coordinator is unreachable, has restarted or no longer has this worker,
+  // Runs until StopLeasing or Drain, or for AgentOptions::idle_s without a task. If the coordinator is unreachable, has restarted or no longer has this worker,
   // retries without limit; the current task continues and is reported later. Returns an error only if the coordinator
-  // rejects the worker permanently (different version of the algorithms).
+  // rejects the worker permanently (different version of the algorithms), and UNAVAILABLE if none answered for idle_s.
   Status Run();
 
   // Leases no further task: Run returns after the current task is reported, or at once if there is none. Thread-safe;

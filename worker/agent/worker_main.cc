@@ -32,7 +32,8 @@ struct Flags {
   bool no_shared_storage = false;
   double cache_gib = 20;
   bool exit_with_parent = false;
-  double drain_s = 0;
+  double drain_s = 0, idle_s = 0;
+  std::string allocation;
   std::string log_level = "info";
   bool json_logs = false;
 };
@@ -67,7 +68,7 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  "Folder for cache and scratch files, accessible to this user only, kept at exit. "
                  "Default: a temporary folder, removed at exit");
   app.add_option("--threads", flags.threads,
-                 "Largest number of threads of a task; the coordinator divides a host's cores between its workers; 0: "
+                 "Largest number of threads of a task; the coordinator divides a machine's cores between its workers; 0: "
                  "one per core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
@@ -87,6 +88,16 @@ void AddFlags(CLI::App& app, Flags& flags) {
          "queue; a second signal stops at once")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
+  app.add_option("--allocation", flags.allocation,
+                 "Name of the part of this host that a scheduler has given to this worker: workers share the cores of "
+                 "their allocation")
+      ->envname("SLURM_JOB_ID")
+      ->type_name("NAME");
+  app.add_option("--idle-s", flags.idle_s,
+                 "End, with exit code 0, after this time without a task, seconds, as a job of a scheduler such as Slurm "
+                 "should; 0: never")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "Drain when the process that started this one ends");
   app.add_option("--log-level", flags.log_level, "Smallest level to log: debug, info, warn, error or off")
       ->capture_default_str();
@@ -98,10 +109,11 @@ std::string HostName() {
   return gethostname(name, sizeof(name) - 1) == 0 ? name : "unknown";
 }
 
-// Identifies the machine and its boot, so that a restarted machine of the same name counts as another one.
-std::string Machine() {
+// Identifies the machine and its boot, so that a restarted machine of the same name counts as another one, and the
+// allocation, because what ends one allocation does not end the others of its host.
+std::string Machine(const std::string& allocation) {
   const std::string boot = tessera::ReadFileRange("/proc/sys/kernel/random/boot_id", 0, 8).value_or("");
-  return HostName() + "/" + boot;
+  return HostName() + "/" + boot + (allocation.empty() ? "" : "/" + allocation);
 }
 
 int Fail(const tessera::Status& status) {
@@ -165,6 +177,7 @@ int main(int argc, char** argv) {
   options.coordinator = flags.coordinator;
   options.work_dir = std::filesystem::absolute(flags.work_dir).string();
   options.use_shared_storage = !flags.no_shared_storage;
+  options.idle_s = flags.idle_s;
   options.cache_bytes = static_cast<int64_t>(flags.cache_gib * (int64_t{1} << 30));
   options.description = {HostName(),
                          getpid(),
@@ -172,7 +185,7 @@ int main(int argc, char** argv) {
                          tessera::MemoryLimit_bytes(),
                          tessera::kAlgorithmVersion,
                          tessera::CoreLimit(),
-                         Machine()};
+                         Machine(flags.allocation)};
   options.retry.seed = static_cast<uint64_t>(getpid());
   // Another coordinator of a list may have taken over at any time.
   if (tessera::IsAddressList(flags.coordinator.address)) options.retry.max_delay_s = 1;

@@ -39,7 +39,8 @@ TEST(Manifest, IsReadAsItWasWritten) {
   EXPECT_TRUE(read->files[0].image->has_alpha);
   EXPECT_EQ(read->files[0].image->orientation, 6);
   ASSERT_TRUE(read->files[1].fault.has_value());
-  EXPECT_EQ(FaultOf(read->files[1], "city/").message(), "city/images/b.tif: byte 0: found an empty file, expected an image");
+  EXPECT_EQ(FaultOf(read->files[1], "city/").message(),
+            "city/images/b.tif: byte 0: found an empty file, expected an image");
   EXPECT_TRUE(FaultOf(read->files[0], "").ok());
   EXPECT_FALSE(read->files[1].image.has_value());
   EXPECT_EQ(read->files[2].digest, (Digest{Sha256Hex("s"), 1}));

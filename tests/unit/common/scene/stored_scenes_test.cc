@@ -91,7 +91,9 @@ TEST_F(StoredScenesTest, DescriptionAndFaultsAreThoseOfTheFolder) {
       {"no model", [](const std::string& scene) { fs::remove_all(scene + "/colmap"); }},
       {"no likelihoods", [](const std::string& scene) { fs::remove_all(scene + "/likelihoods"); }},
       {"no scene.json but its faults",
-       [](const std::string& scene) { std::ofstream(scene + "/scene.json") << R"({"tessera_scene": 1, "clases": 1})"; }},
+       [](const std::string& scene) {
+         std::ofstream(scene + "/scene.json") << R"({"tessera_scene": 1, "clases": 1})";
+       }},
   };
   int refused = 0;
   for (const auto& [name, bend] : bends) {
@@ -124,7 +126,8 @@ TEST_F(StoredScenesTest, DescriptionAndFaultsAreThoseOfTheFolder) {
         EXPECT_EQ(store->views[v].masked, folder->views[v].masked);
         EXPECT_EQ(store->views[v].likelihood_path, folder->views[v].likelihood_path);
         EXPECT_EQ(store->views[v].camera.intrinsics.width, folder->views[v].camera.intrinsics.width);
-        EXPECT_EQ(store->views[v].camera.translation_cam_from_world, folder->views[v].camera.translation_cam_from_world);
+        EXPECT_EQ(store->views[v].camera.translation_cam_from_world,
+                  folder->views[v].camera.translation_cam_from_world);
       }
     }
   }
@@ -183,7 +186,8 @@ TEST_F(StoredScenesTest, ChangesSinceTheManifestAreTold) {
 
 TEST_F(StoredScenesTest, OtherPlacesAreRefused) {
   for (const std::string url : {"s3://other/city", "s3://tests/city", "s3://tests"}) {
-    EXPECT_THAT(std::string(Load(url).status().message()), HasSubstr("found a place that is in no --scene-root")) << url;
+    EXPECT_THAT(std::string(Load(url).status().message()), HasSubstr("found a place that is in no --scene-root"))
+        << url;
   }
   std::string beside = root_;
   beside.pop_back();

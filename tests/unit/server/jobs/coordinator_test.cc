@@ -295,6 +295,18 @@ TEST_F(CoordinatorTest, ThreadsFollowTheNumberOfTasks) {
   EXPECT_EQ(Lease(b)->threads, 8) << "publish is the only task";
 }
 
+TEST_F(CoordinatorTest, AllocationsOfOneHostShareNoCores) {
+  const auto worker = [&](const char* machine) {
+    return *coordinator_->leases().RegisterWorker({"host", 1, 8, 1000, 8, machine});
+  };
+  const std::string a = worker("host/boot/41"), b = worker("host/boot/42"), c = worker("host/boot/42");
+  Create(AJob(6));
+  ASSERT_TRUE(Succeed(a, *Lease(a)).ok());
+  EXPECT_EQ(Lease(a)->threads, 8);
+  EXPECT_EQ(Lease(b)->threads, 4);
+  EXPECT_EQ(Lease(c)->threads, 4);
+}
+
 TEST_F(CoordinatorTest, CancelStopsAndIsFinal) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();

@@ -145,6 +145,21 @@ TEST_F(LostAttemptsTest, VanishedMachinesDoNotCountAgainstTheTask) {
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
+// A scheduler takes allocations of a host away while others of it live.
+TEST_F(LostAttemptsTest, VanishedAllocationsOfALiveHostDoNotCountAgainstTheTask) {
+  const std::string job = Create(AJob(1));
+  const std::string other = Worker("host/boot/900");
+  for (int i = 0; i < 10; ++i) {
+    ASSERT_TRUE(Lease(Worker("host/boot/" + std::to_string(i)))) << i;
+    clock_.Advance(31);
+    ASSERT_TRUE(coordinator_->leases().Heartbeat(other, {}).ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
+    ASSERT_EQ(Job(job).header.state, JobState::kRunning) << i;
+  }
+  WorkAll(other);
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+}
+
 TEST_F(LostAttemptsTest, StalledAttemptEndsDespiteHeartbeats) {
   const std::string job = Create(AJob(1));
   const std::string hung = Worker();

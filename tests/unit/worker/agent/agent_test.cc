@@ -366,6 +366,28 @@ TEST_F(AgentTest, StopLeasingEndsAnIdleWorkerAtOnce) {
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
 }
 
+TEST_F(AgentTest, WorkerWithoutTasksEnds) {
+  idle_s_ = 0.4;
+  coordinator_.Queue(NewLease("jobs/1/tasks/1"));
+  // Longer than the limit: a worker with a task is not idle.
+  StartAgent([](const TaskRequest& request, const TaskControl& control) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(600));
+    return Concatenate(request, control);
+  });
+  thread_.join();
+  EXPECT_TRUE(agent_status_.ok()) << agent_status_;
+  ASSERT_EQ(coordinator_.reports.size(), 1u);
+  EXPECT_TRUE(coordinator_.reports[0].has_success());
+  EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
+  agent_ = nullptr;
+
+  coordinator_.Stop();
+  StartAgent(Concatenate);
+  thread_.join();
+  EXPECT_EQ(agent_status_.code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(agent_status_.message()), HasSubstr("no coordinator at " + coordinator_.address()));
+}
+
 TEST_F(AgentTest, DrainEndsAnIdleOrUnregisteredWorkerAtOnce) {
   StartAgent(Concatenate);
   ASSERT_TRUE(coordinator_.WaitFor([](const FakeWorkersService& c) { return c.leases_asked > 0; }));
