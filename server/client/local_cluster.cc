@@ -51,7 +51,10 @@ Status LocalCluster::StartCoordinator(const Sleeper& wait) {
   // The coordinator runs as the user, so it may read every file that the user may read.
   std::vector<std::string> arguments = {"--listen",        socket,      "--port-file", port_file,      "--data",
                                         options_.data_dir, "--lease-s", kLeaseSeconds, "--scene-root", "/"};
-  if (IsS3Url(options_.scene)) arguments.insert(arguments.end(), {"--scene-root", options_.scene});
+  if (IsS3Url(options_.scene)) {  // the base job's scene may lie elsewhere in the bucket
+    const size_t bucket_end = options_.scene.find('/', std::string("s3://").size());
+    arguments.insert(arguments.end(), {"--scene-root", options_.scene.substr(0, bucket_end)});
+  }
   if (!options_.shared_storage) arguments.push_back("--no-shared-storage");
   TESSERA_ASSIGN_OR_RETURN(coordinator_,
                            ChildProcess::Start(program_folder_ + "/tesserad", arguments, LogPath("tesserad")));

@@ -41,7 +41,10 @@ Status BlobsService::CheckStored(const Caller& caller, const Digest& digest, grp
 std::vector<std::string> BlobsService::StoredSceneFiles(const Caller& caller, const Digest& digest) const {
   if (environment_.stored_scenes == nullptr || caller.worker.empty() || !IsInput(caller.worker, digest)) return {};
   std::vector<std::string> urls = jobs_.SceneFilesWith(digest);
-  std::erase_if(urls, [](const std::string& path) { return !IsS3Url(path); });
+  std::erase_if(urls, [&](const std::string& path) {
+    return !IsS3Url(path) ||
+           !environment_.stored_scenes->Find(path).ok();  // of a base job, perhaps, whose root is gone
+  });
   return urls;
 }
 

@@ -113,7 +113,7 @@ StatusOr<Digest> HashSceneFile(const std::string& path, const StoredScenes* scen
   if (scenes == nullptr)
     return absl::UnavailableError(path + " cannot be read without --scene-root s3://BUCKET/PREFIX");
   StatusOr<Digest> digest = scenes->Hash(path);
-  if (digest.ok() || absl::IsNotFound(digest.status())) return digest;
+  if (digest.ok() || absl::IsNotFound(digest.status()) || !scenes->Find(path).ok()) return digest;
   return absl::UnavailableError(absl::StrCat(path, ": ", std::string(digest.status().message())));
 }
 

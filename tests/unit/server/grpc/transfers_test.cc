@@ -259,6 +259,15 @@ TEST_F(StoredSceneTransfersTest, FileThatChangedIsReadFromAnotherSceneOrTold) {
   EXPECT_EQ(Passed(), 0);
 }
 
+// As in an update whose base's scene may not be read any more.
+TEST_F(StoredSceneTransfersTest, FileIsReadFromTheSceneThatMayBeRead) {
+  *stored_ = std::move(**StoredScenes::Open({ToText(s3_->location) + "b"}, s3_->location.endpoint, "",
+                                            s3_->credentials.get(), &s3_->clock, {}));
+  const Status fetched = Fetch(image_, *local_, worker_);
+  ASSERT_TRUE(fetched.ok()) << fetched;
+  EXPECT_EQ(*local_->Read(image_), content_);
+}
+
 TEST_F(StoredSceneTransfersTest, BlobServiceReadsThemToo) {
   v1::ReadBlobRequest request;
   request.mutable_digest()->set_sha256(image_.sha256);
