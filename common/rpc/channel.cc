@@ -244,7 +244,10 @@ StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const Endpoint& endpoint, s
   if (endpoint.tls_cert.empty() != endpoint.tls_key.empty()) {
     return absl::InvalidArgumentError("--tls-cert and --tls-key: expected both or neither");
   }
-  if (!endpoint.store_ca.empty()) TESSERA_RETURN_IF_ERROR(ReadFileRange(endpoint.store_ca, 0, 1).status());
+  if (!endpoint.store_ca.empty()) {
+    const Status readable = ReadFileRange(endpoint.store_ca, 0, 1).status();
+    if (!readable.ok()) return Status(readable.code(), "--s3-ca (AWS_CA_BUNDLE): " + std::string(readable.message()));
+  }
   if (IsSocketAddress(endpoint.address)) return MakeChannel(endpoint.address, std::move(identity));
   if (endpoint.tls_ca.empty()) {
     if (!endpoint.tls_cert.empty()) return absl::InvalidArgumentError("--tls-cert requires --tls-ca");

@@ -97,7 +97,7 @@ class SceneFetcher {
     const auto found = StreamObject(client_, prefix_ + file.name, cancelled_, [&](std::string_view bytes) -> Status {
       left -= static_cast<int64_t>(bytes.size());
       if (left < 0) {
-        return absl::InvalidArgumentError(Changed(file.name, "more", absl::StrCat(file.digest.size_bytes, " bytes")));
+        return Changed(file.name, "more", absl::StrCat(file.digest.size_bytes, " bytes"));
       }
       out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
       return out ? absl::OkStatus() : absl::ResourceExhaustedError(absl::StrCat("cannot write ", path));
@@ -106,8 +106,8 @@ class SceneFetcher {
     out.close();
     if (!out) return absl::ResourceExhaustedError(absl::StrCat("cannot write ", path));
     if (!(*found == file.digest)) {
-      return absl::InvalidArgumentError(Changed(file.name, absl::StrCat("the content ", found->sha256),
-                                                absl::StrCat("the content ", file.digest.sha256)));
+      return Changed(file.name, absl::StrCat("the content ", found->sha256),
+                     absl::StrCat("the content ", file.digest.sha256));
     }
     const timespec modified = {file.modified_ns / 1'000'000'000, file.modified_ns % 1'000'000'000};
     const timespec times[] = {modified, modified};
@@ -121,11 +121,9 @@ class SceneFetcher {
   }
 
  private:
-  std::string Changed(const std::string& name, const std::string& found, const std::string& expected) const {
-    const Status fault =
-        InputError(absl::StrCat(fetched_.url, "/", name), "", found,
-                   absl::StrCat(expected, ", as in ", kManifestName, ": repeat tessera upload after a change"));
-    return std::string(fault.message());
+  Status Changed(const std::string& name, const std::string& found, const std::string& expected) const {
+    return InputError(absl::StrCat(fetched_.url, "/", name), "", found,
+                      absl::StrCat(expected, ", as in ", kManifestName, ": repeat tessera upload after a change"));
   }
 
   S3Client& client_;
@@ -201,7 +199,7 @@ Status FetchedScene::Named(const Status& error) const {
 
 StatusOr<FetchedScene> FetchScene(const StoredScenes& scenes, const std::string& url,
                                   const std::function<bool()>& cancelled) {
-  const std::string place_url(absl::StripSuffix(absl::StripSuffix(url, "scene.json"), "/"));
+  const std::string place_url(absl::StripSuffix(absl::StripSuffix(url, "/scene.json"), "/"));
   TESSERA_ASSIGN_OR_RETURN(const StoredScenes::Place place, scenes.Find(place_url));
   TESSERA_ASSIGN_OR_RETURN(TempFolder scratch, TempFolder::Create(""));
   FetchedScene fetched = {place_url, std::move(scratch), "", {}};
@@ -254,7 +252,7 @@ StatusOr<SceneDescription> LoadFetchedScene(const FetchedScene& fetched, Warning
   }
   for (const std::string& file : scene->files) {
     const auto other = fetched.other_sizes.find(file);
-    if (other != fetched.other_sizes.end()) faults.Add(absl::InvalidArgumentError(other->second));
+    if (other != fetched.other_sizes.end()) faults.Add(other->second);
   }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   if (warnings != nullptr) {
@@ -263,11 +261,12 @@ StatusOr<SceneDescription> LoadFetchedScene(const FetchedScene& fetched, Warning
   return scene;
 }
 
-std::vector<NamedDigest> DigestsOf(const SceneManifest& manifest, const std::vector<std::string>& files) {
+StatusOr<std::vector<NamedDigest>> DigestsOf(const SceneManifest& manifest, const std::vector<std::string>& files) {
   std::vector<NamedDigest> digests;
   for (const std::string& name : files) {
     const ManifestFile* const file = FindFile(manifest, name);
-    if (file != nullptr) digests.push_back({name, file->digest});
+    if (file == nullptr) return absl::InternalError(absl::StrCat(kManifestName, " lacks ", name));
+    digests.push_back({name, file->digest});
   }
   return digests;
 }

@@ -51,12 +51,11 @@ class StoredScenes {
 struct FetchedScene {
   std::string url;  // s3://BUCKET/PREFIX, without a slash at its end
   TempFolder scratch;
-  std::string folder;                             // in `scratch`: has scene.json and the files of the camera model
-  SceneManifest manifest;                         // without files that the store lacks
-  std::map<std::string, std::string> heads = {};  // SceneLoadOptions::heads_elsewhere
-  // Faults of the store against the manifest, by name: other sizes, and objects that the manifest lacks.
-  std::map<std::string, std::string> other_sizes = {};
-  std::vector<std::string> not_in_manifest = {};
+  std::string folder;                              // in `scratch`: has scene.json and the files of the camera model
+  SceneManifest manifest;                          // without files that the store lacks
+  std::map<std::string, std::string> heads = {};   // SceneLoadOptions::heads_elsewhere
+  std::map<std::string, Status> other_sizes = {};  // faults of objects with another size than in the manifest, by name
+  std::vector<std::string> not_in_manifest = {};   // objects that the manifest lacks
 
   // Sets what is elsewhere.
   void Describe(SceneLoadOptions* options) const;
@@ -74,7 +73,7 @@ StatusOr<FetchedScene> FetchScene(const StoredScenes& scenes, const std::string&
 // has such a file; objects that the manifest lacks are a warning.
 StatusOr<SceneDescription> LoadFetchedScene(const FetchedScene& fetched, Warnings* warnings, SceneLoadOptions options);
 
-// The digests of `files`, names of the scene, as the manifest has them.
-std::vector<NamedDigest> DigestsOf(const SceneManifest& manifest, const std::vector<std::string>& files);
+// The digests of `files`, names of the scene, as the manifest has them. INTERNAL if it lacks one.
+StatusOr<std::vector<NamedDigest>> DigestsOf(const SceneManifest& manifest, const std::vector<std::string>& files);
 
 }  // namespace tessera

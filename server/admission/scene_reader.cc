@@ -90,7 +90,7 @@ StatusOr<SceneListing> ReadStoredScene(const std::string& url, const SceneReques
       request, allowed);
   if (!listing.ok()) return fetched.Named(listing.status());
   listing->folder = fetched.url;
-  listing->digests = DigestsOf(fetched.manifest, listing->files);
+  TESSERA_ASSIGN_OR_RETURN(listing->digests, DigestsOf(fetched.manifest, listing->files));
   return listing;
 }
 

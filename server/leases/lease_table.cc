@@ -119,8 +119,8 @@ const std::string& LeaseTable::LastWorkerOf(TileRef tile) const {
   return found == last_workers_.end() || !workers_.contains(found->second) ? kNothing : found->second;
 }
 
-HostLoad LeaseTable::LoadOf(const std::string& worker) const {
-  HostLoad load;
+MachineLoad LeaseTable::LoadOf(const std::string& worker) const {
+  MachineLoad load;
   const auto found = workers_.find(worker);
   if (found == workers_.end()) return load;
   int most_threads = 0;

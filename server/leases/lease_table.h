@@ -106,8 +106,9 @@ class LeaseTable {
   LargestWorker Largest() const;
   // The worker with the latest task of the tile, if still registered; else empty.
   const std::string& LastWorkerOf(TileRef tile) const;
-  // Load of the worker's machine, or of its host if that is unknown. Unknown cores are replaced by the largest thread limit of its workers.
-  HostLoad LoadOf(const std::string& worker) const;
+  // Load of the worker's machine, or of its host if that is unknown. Unknown cores are replaced by the largest thread
+  // limit of its workers.
+  MachineLoad LoadOf(const std::string& worker) const;
   void DropJob(int job);
   // Removes workers without a lease whose last call was before `before_us`.
   void ForgetSilentWorkers(int64_t before_us);

@@ -3,8 +3,8 @@
 // The error class decides whether a failure counts against the task, the worker or storage (RuleOf).
 // - Failures of a worker do not count against tasks if others completed its failed tasks (worker_evidence.h).
 // - A stalled attempt counts against its task. A worker that unregisters or drains does not.
-// - A worker that falls silent counts against its task if another worker on its machine (same host, boot and allocation) called
-//   since, because then only the process ended or hung. A silent machine does not count.
+// - A worker that falls silent counts against its task if another worker on its machine (same host, boot and
+//   allocation) called since, because then only the process ended or hung. A silent machine does not count.
 // - A worker that has not called since the coordinator started does not count.
 #pragma once
 

@@ -4,11 +4,11 @@
 
 namespace tessera {
 
-int ThreadsOfTask(const HostLoad& host, int ready, int most) {
+int ThreadsOfTask(const MachineLoad& machine, int ready, int most) {
   const int limit = std::max(1, most);
-  if (host.cores <= 0) return limit;
-  const int tasks = std::max(1, std::min(host.workers, host.running + ready));
-  return std::clamp(host.cores / tasks, 1, limit);
+  if (machine.cores <= 0) return limit;
+  const int tasks = std::max(1, std::min(machine.workers, machine.running + ready));
+  return std::clamp(machine.cores / tasks, 1, limit);
 }
 
 }  // namespace tessera

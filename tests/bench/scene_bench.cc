@@ -3,10 +3,8 @@
 // Makes a scene of so many images of this size, uploads it, reads it as a submission does, and removes it. Credentials
 // as of tesserad. Prints seconds, and the share of the scene's bytes that were read.
 #include <CLI/CLI.hpp>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
-#include <functional>
 #include <string>
 #include <vector>
 
@@ -22,29 +20,12 @@
 #include "common/storage/files.h"
 #include "common/storage/temporary_name.h"
 #include "server/admission/scene_reader.h"
+#include "tests/bench/or_exit.h"
 
 namespace tessera {
 namespace {
 
 constexpr int kWidth = 64, kHeight = 48;
-
-double Seconds(const std::function<void()>& work) {
-  const auto begin = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-}
-
-void Check(const Status& status) {
-  if (status.ok()) return;
-  std::fprintf(stderr, "scene_bench: %s\n", std::string(status.message()).c_str());
-  std::exit(1);
-}
-
-template <class T>
-T Value(StatusOr<T> value) {
-  Check(value.status());
-  return *std::move(value);
-}
 
 // Images in rows over a square of the ground, looking down. Each file has bytes of its own behind the picture.
 void MakeScene(const std::string& folder, int images, int64_t image_bytes) {

@@ -5,11 +5,9 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
-#include <functional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -23,30 +21,13 @@
 #include "common/storage/files.h"
 #include "common/storage/hash.h"
 #include "common/storage/temporary_name.h"
+#include "tests/bench/or_exit.h"
 #include "tests/e2e/tcp_proxy.h"
 
 namespace tessera {
 namespace {
 
 constexpr double kUrl_s = 3600;
-
-double Seconds(const std::function<void()>& work) {
-  const auto begin = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-}
-
-void Check(const Status& status) {
-  if (status.ok()) return;
-  std::fprintf(stderr, "store_bench: %s\n", std::string(status.message()).c_str());
-  std::exit(1);
-}
-
-template <class T>
-T Value(StatusOr<T> value) {
-  Check(value.status());
-  return *std::move(value);
-}
 
 std::string RandomBytes(int64_t size, uint64_t seed) {
   Random random(seed);

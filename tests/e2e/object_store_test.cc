@@ -106,6 +106,14 @@ TEST_F(ObjectStoreTest, SceneInTheStoreGivesTheSameBytes) {
     EXPECT_THAT(sent.output, HasSubstr(url + "/tessera.manifest.json"));
   };
   upload();
+  const Outcome ran = WithCredentials([&] {
+    ::setenv("AWS_ENDPOINT_URL", place.endpoint.c_str(), 1);
+    Outcome outcome = Tessera(folder_.path(), {"run", url, "--tiles", "4", "--out", folder_.path() + "/run"});
+    ::unsetenv("AWS_ENDPOINT_URL");
+    return outcome;
+  });
+  EXPECT_EQ(ran.exit_code, 0) << ran.output;
+  EXPECT_TRUE(Content(folder_.path() + "/run/mesh.ply") == Content(UndisturbedMesh()));
   const auto cluster = StartCluster({"--scene-root", ToText(place)});
   const std::vector<std::string> flags = {"--no-shared-storage"};
   for (int i = 0; i < 2; ++i) cluster->AddWorker(flags);
@@ -182,9 +190,10 @@ TEST_F(ObjectStoreTest, OutagesOfTheStoreDelayTheJob) {
     ASSERT_TRUE(WaitUntil([&] { return succeeded("measure") > 0; }));
     gateway({"kill"});
     ASSERT_FALSE(WaitUntil([&] { return cluster->Tasks(name).empty(); }, 2));
-    gateway({"again"});
-    // A full bucket: results wait for room, as on a full disk.
+    // A full bucket: results wait for room, as on a full disk. The quota is set before the store is back, so that no
+    // result is stored in between.
     gateway({"quota", "1"});
+    gateway({"again"});
     ASSERT_TRUE(WaitUntil([&] {
       const std::vector<v1::Task> tasks = cluster->Tasks(name);
       return std::any_of(tasks.begin(), tasks.end(), [](const v1::Task& task) {

@@ -6,7 +6,6 @@
 #include <condition_variable>
 #include <filesystem>
 #include <limits>
-#include <map>
 #include <mutex>
 #include <new>
 #include <optional>
@@ -20,6 +19,7 @@
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
 #include "worker/agent/attempt.h"
+#include "worker/agent/on_demand.h"
 #include "worker/agent/task_files.h"
 
 namespace tessera {
@@ -73,38 +73,6 @@ Status ClassifyFailure(const Status& status, TaskFiles& files, const TaskRequest
   return AsStatus(FailureClass::kInternal, message);
 }
 
-// The inputs of a task that are fetched when it asks for them.
-class OnDemand {
- public:
-  OnDemand(const std::vector<TaskInput>& inputs, const std::string& input_dir) {
-    const auto is_inspection = [](const TaskInput& input) { return input.name.ends_with(kInspectionFile); };
-    const bool has_inspections = std::any_of(inputs.begin(), inputs.end(), is_inspection);
-    for (const TaskInput& input : inputs) {
-      if (has_inspections && IsFetchedOnDemand(input.name)) {
-        later_.emplace(input_dir + "/" + input.name, input);
-      } else {
-        others_.push_back(input);
-      }
-    }
-  }
-
-  // Those that are fetched before the task runs.
-  std::vector<TaskInput> TakeOthers() { return std::move(others_); }
-  // Those at these paths that were not taken before.
-  std::vector<TaskInput> Take(const std::vector<std::string>& paths) {
-    std::vector<TaskInput> taken;
-    for (const std::string& path : paths) {
-      auto found = later_.extract(path);
-      if (found) taken.push_back(std::move(found.mapped()));
-    }
-    return taken;
-  }
-
- private:
-  std::vector<TaskInput> others_;
-  std::map<std::string, TaskInput> later_;  // by path
-};
-
 // Whether the report was accepted or rejected for good. All other errors are transient.
 bool IsAnswered(const Status& report) {
   return report.ok() || absl::IsFailedPrecondition(report) || absl::IsInvalidArgument(report) ||
@@ -153,9 +121,9 @@ class Agent::Impl {
       const Status unregistered = link_.Unregister(worker());
       LogInfo("stopped", {{"worker", worker()}, {"unregistered", unregistered.ok() ? "yes" : MessageOf(unregistered)}});
     } else if (IdleLeft_s() <= 0) {
-      status = absl::UnavailableError("no coordinator at " + options_.coordinator.address + " accepted this worker for " +
-                                      std::to_string(static_cast<int64_t>(options_.idle_s)) + " s: " +
-                                      MessageOf(status));
+      status =
+          absl::UnavailableError("no coordinator at " + options_.coordinator.address + " accepted this worker for " +
+                                 std::to_string(static_cast<int64_t>(options_.idle_s)) + " s: " + MessageOf(status));
     }
     return draining_ ? absl::OkStatus() : status;
   }
@@ -259,7 +227,8 @@ class Agent::Impl {
       }
       const double left_s = IdleLeft_s();
       if (left_s <= 0) {
-        LogInfo("no task: stops", {{"worker", worker()}, {"seconds", std::to_string(options_.idle_s)}});
+        LogInfo("no task: stops",
+                {{"worker", worker()}, {"seconds", std::to_string(static_cast<int64_t>(options_.idle_s))}});
         break;
       }
       const Status status = CallAs([&](const std::string& name) -> Status {
@@ -463,9 +432,9 @@ class Agent::Impl {
   std::mutex registering_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  Registration registration_;           // guarded by mutex_
-  bool to_probe_ = false;               // guarded by mutex_: files_ must probe this registration
-  std::shared_ptr<Attempt> attempt_;    // guarded by mutex_
+  Registration registration_;         // guarded by mutex_
+  bool to_probe_ = false;             // guarded by mutex_: files_ must probe this registration
+  std::shared_ptr<Attempt> attempt_;  // guarded by mutex_
   // Guarded by mutex_: since when there is no attempt, or the start.
   std::chrono::steady_clock::time_point idle_since_ = std::chrono::steady_clock::now();
   bool ended_ = false;                  // guarded by mutex_: no further lease follows

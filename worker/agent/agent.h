@@ -36,9 +36,10 @@ class Agent {
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options, TaskRunner runner);
   ~Agent();
 
-  // Runs until StopLeasing or Drain, or for AgentOptions::idle_s without a task. If the coordinator is unreachable, has restarted or no longer has this worker,
-  // retries without limit; the current task continues and is reported later. Returns an error only if the coordinator
-  // rejects the worker permanently (different version of the algorithms), and UNAVAILABLE if none answered for idle_s.
+  // Runs until StopLeasing or Drain, or until there was no task for AgentOptions::idle_s. If the coordinator is
+  // unreachable, has restarted or no longer has this worker, retries without limit; the current task continues and is
+  // reported later. Returns an error only if the coordinator rejects the worker permanently (different version of the
+  // algorithms), and UNAVAILABLE if none answered for idle_s.
   Status Run();
 
   // Leases no further task: Run returns after the current task is reported, or at once if there is none. Thread-safe;

@@ -202,9 +202,7 @@ Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::s
   }
   std::vector<Digest> to_fetch;  // from an object store, perhaps
   for (const TaskInput& input : inputs) {
-    if (shared_blobs_ == nullptr && input.shared_path.empty() && !cache_->Holds(input.digest)) {
-      to_fetch.push_back(input.digest);
-    }
+    if (input.shared_path.empty() && !cache_->Holds(input.digest)) to_fetch.push_back(input.digest);
   }
   if (to_fetch.size() > 1) blobs_.Prepare(to_fetch);
   std::vector<StatusOr<UsedFile>> found(inputs.size(), absl::CancelledError("cancelled"));

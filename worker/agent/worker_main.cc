@@ -67,9 +67,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--work", flags.work_dir,
                  "Folder for cache and scratch files, accessible to this user only, kept at exit. "
                  "Default: a temporary folder, removed at exit");
-  app.add_option("--threads", flags.threads,
-                 "Largest number of threads of a task; the coordinator divides a machine's cores between its workers; 0: "
-                 "one per core")
+  app.add_option(
+         "--threads", flags.threads,
+         "Largest number of threads of a task; the coordinator divides a machine's cores between its workers; 0: "
+         "one per core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   app.add_option("--memory", flags.memory_bytes,
@@ -89,13 +90,14 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
   app.add_option("--allocation", flags.allocation,
-                 "Name of the part of this host that a scheduler has given to this worker: workers share the cores of "
-                 "their allocation")
+                 "Allocation of this worker on a host that a scheduler shares out: workers of one allocation share its "
+                 "cores")
       ->envname("SLURM_JOB_ID")
       ->type_name("NAME");
-  app.add_option("--idle-s", flags.idle_s,
-                 "End, with exit code 0, after this time without a task, seconds, as a job of a scheduler such as Slurm "
-                 "should; 0: never")
+  app.add_option(
+         "--idle-s", flags.idle_s,
+         "End with exit code 0 after this time without a task, seconds, so that a scheduler such as Slurm can use "
+         "the cores for others; 0: never")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "Drain when the process that started this one ends");

@@ -88,6 +88,13 @@ TEST(ChannelTest, ListMixesFamiliesOfAddresses) {
             "fourth");
 }
 
+TEST(ChannelTest, MissingAuthoritiesOfTheStoreAreTold) {
+  Endpoint endpoint("127.0.0.1:1");
+  endpoint.store_ca = "/nowhere/ca.pem";
+  const Status status = OpenChannel(endpoint, nullptr).status();
+  EXPECT_NE(status.message().find("--s3-ca (AWS_CA_BUNDLE): "), std::string::npos) << status;
+}
+
 TEST(ChannelTest, CertificatesOfAListNameItsFirstHost) {
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
   const int64_t now_s =

@@ -116,6 +116,7 @@ TEST_F(StoredScenesTest, DescriptionAndFaultsAreThoseOfTheFolder) {
       for (std::string& warning : of_folder) warning = absl::StrReplaceAll(warning, {{scene_, url}});
       EXPECT_EQ(of_store, of_folder);
       EXPECT_EQ(store->files, folder->files);
+      EXPECT_TRUE(DigestsOf(FetchScene(*scenes_, url, {})->manifest, store->files).ok());
       EXPECT_EQ(store->name, folder->name);
       EXPECT_EQ(ClassNames(*store), ClassNames(*folder));
       EXPECT_EQ(store->mesh_has_labels, folder->mesh_has_labels);
@@ -144,15 +145,16 @@ TEST_F(StoredScenesTest, ReadsNoPixels) {
     if (file.path().parent_path() == scene_ + "/colmap") model += static_cast<int64_t>(file.file_size());
   }
   const int64_t before = ReceivedBytes();
-  const auto fetched = FetchScene(*scenes_, url + "/", {});
+  const auto fetched = FetchScene(*scenes_, url + "/scene.json", {});
   ASSERT_TRUE(fetched.ok()) << fetched.status();
   EXPECT_LT(ReceivedBytes() - before, model + kMeshHeadBytes + 40'000) << "of " << all;
   const auto scene = LoadFetchedScene(*fetched, nullptr, {});
   ASSERT_TRUE(scene.ok()) << scene.status();
-  for (const NamedDigest& file : DigestsOf(fetched->manifest, scene->files)) {
-    EXPECT_EQ(file.digest, *HashFile(scene_ + "/" + file.name));
-  }
-  EXPECT_EQ(DigestsOf(fetched->manifest, scene->files).size(), scene->files.size());
+  const auto digests = DigestsOf(fetched->manifest, scene->files);
+  ASSERT_TRUE(digests.ok()) << digests.status();
+  EXPECT_EQ(digests->size(), scene->files.size());
+  for (const NamedDigest& file : *digests) EXPECT_EQ(file.digest, *HashFile(scene_ + "/" + file.name));
+  EXPECT_FALSE(DigestsOf(fetched->manifest, {"images/none.jpg"}).ok());
 }
 
 TEST_F(StoredScenesTest, ChangesSinceTheManifestAreTold) {
