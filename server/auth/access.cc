@@ -40,6 +40,7 @@ const std::map<std::string, RoleSet>& Rules() {
       {"/tessera.v1.Workers/ReportTask", kWorker},
       {"/tessera.v1.Workers/UnregisterWorker", kWorker},
       {"/tessera.v1.Workers/ListWorkers", kReaders},
+      {"/tessera.v1.Workers/GetDemand", kReaders},
       // BlobsService checks which blobs the caller may read.
       {"/tessera.v1.Blobs/StatBlobs", kAllRoles},
       {"/tessera.v1.Blobs/ReadBlob", kAllRoles},

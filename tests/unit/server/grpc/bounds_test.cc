@@ -49,6 +49,7 @@ const std::map<std::string, Bound> kBounds = {
     {"Workers/ReportTask", {0, 64 * kMiB}},   // the next task
     {"Workers/Heartbeat", {3000, 4 * kMiB}},  // those of the request
     {"Workers/ListWorkers", kPages},
+    {"Workers/GetDemand", {52, 64 << 10}},  // at most 32 classes and 20 tasks
     {"Blobs/StatBlobs", {1000, 4 * kMiB}},  // those of the request
     {"Blobs/ReadBlob", {0, kMiB + 100}},    // a chunk
     {"Blobs/WriteBlob", {0, 100}},
