@@ -93,7 +93,7 @@ struct CoordinatorServer::Impl {
       : environment(services_environment),
         limits(environment.limits, environment.blobs),
         jobs(environment, limits, environment.coordinator->core(), environment.coordinator->jobs()),
-        workers(environment, environment.coordinator->core().options().lease_s, environment.coordinator->leases()),
+        workers(environment, environment.coordinator->core(), environment.coordinator->leases()),
         blobs(environment, limits, *environment.coordinator) {}
 
   void SetServing(bool now) {

@@ -66,8 +66,8 @@ class WorkersService final : public v1::Workers::CallbackService {
   using Context = grpc::CallbackServerContext;
   using Reactor = grpc::ServerUnaryReactor;
 
-  WorkersService(const ServerEnvironment& environment, double lease_s, Leases& leases)
-      : environment_(environment), lease_s_(lease_s), leases_(leases) {}
+  WorkersService(const ServerEnvironment& environment, DispatchCore& core, Leases& leases)
+      : environment_(environment), lease_s_(core.options().lease_s), core_(core), leases_(leases) {}
   Reactor* RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
                           v1::RegisterWorkerResponse* response) override;
   Reactor* LeaseTask(Context* context, const v1::LeaseTaskRequest* request, v1::LeaseTaskResponse* response) override;
@@ -78,6 +78,7 @@ class WorkersService final : public v1::Workers::CallbackService {
                             v1::UnregisterWorkerResponse* response) override;
   Reactor* ListWorkers(Context* context, const v1::ListWorkersRequest* request,
                        v1::ListWorkersResponse* response) override;
+  Reactor* GetDemand(Context* context, const v1::GetDemandRequest* request, v1::GetDemandResponse* response) override;
 
  private:
   // Refusal::kUnknownWorker unless the caller has the worker's secret.
@@ -85,6 +86,7 @@ class WorkersService final : public v1::Workers::CallbackService {
 
   const ServerEnvironment& environment_;
   const double lease_s_;
+  DispatchCore& core_;
   Leases& leases_;
 };
 

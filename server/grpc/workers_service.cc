@@ -1,14 +1,19 @@
 #include <algorithm>
 #include <atomic>
+#include <mutex>
 #include <optional>
+#include <string>
 #include <utility>
+#include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "common/base/printable.h"
 #include "common/base/refusal.h"
 #include "common/base/version.h"
 #include "common/log/log.h"
 #include "common/rpc/status_conversion.h"
 #include "server/admission/field_bounds.h"
+#include "server/demand/demand.h"
 #include "server/grpc/conversion.h"
 #include "server/grpc/request_bounds.h"
 #include "server/grpc/services.h"
@@ -19,12 +24,42 @@ namespace {
 constexpr double kMaxWait_s = 30;  // longest wait of a LeaseTask call
 constexpr double kRetryRegister_s = 10;
 constexpr size_t kMaxFileNameBytes = 1024;
+constexpr double kMaxTimeLeft_s = 1e9;
+constexpr double kMaxWorth_s = 1e6;
+constexpr int kMaxClasses = 32, kMaxCores = 4096;
 
 Status CheckNames(const v1::TaskResult& result) {
   for (const v1::OutputFile& output : result.outputs()) {
     TESSERA_RETURN_IF_ERROR(CheckSize("outputs.name", output.name().size(), kMaxFileNameBytes));
   }
   return absl::OkStatus();
+}
+
+Status CheckRange(const std::string& field, double value, double least, double most) {
+  if (value >= least && value <= most) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(field, ": found ", value, ", expected ", least, " to ", most));
+}
+
+StatusOr<std::vector<WorkerClass>> ClassesOf(const v1::GetDemandRequest& request) {
+  if (request.classes().empty()) return DefaultClasses();
+  if (request.classes_size() > kMaxClasses) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("classes: found ", request.classes_size(), ", expected at most ", kMaxClasses));
+  }
+  std::vector<WorkerClass> classes;
+  int64_t least = 1;
+  for (const v1::WorkerClass& each : request.classes()) {
+    const std::string place = absl::StrCat("classes[", classes.size(), "].");
+    if (each.memory_bytes() < least) {
+      return absl::InvalidArgumentError(absl::StrCat(place, "memory_bytes: found ", each.memory_bytes(),
+                                                     ", expected at least ", least, ", in ascending order"));
+    }
+    least = each.memory_bytes();
+    TESSERA_RETURN_IF_ERROR(CheckRange(place + "cores", each.cores(), 0, kMaxCores));
+    TESSERA_RETURN_IF_ERROR(CheckRange(place + "time_limit_s", each.time_limit_s(), 0, kMaxTimeLeft_s));
+    classes.push_back({each.memory_bytes(), std::max(1, each.cores()), each.time_limit_s()});
+  }
+  return classes;
 }
 
 grpc::ServerUnaryReactor* Finished(grpc::CallbackServerContext* context, const Status& status) {
@@ -93,13 +128,18 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
                                         "algorithm version: found '" + request->version() + "', expected '" +
                                         kAlgorithmVersion + "'; install the coordinator's version on the worker")));
   }
-  for (const auto& [field, text] : {std::pair{"host", &request->host()}, std::pair{"machine", &request->machine()}}) {
+  for (const auto& [field, text] : {std::pair{"host", &request->host()}, std::pair{"machine", &request->machine()},
+                                    std::pair{"allocation", &request->allocation()}}) {
     if (const Status status = CheckSize(field, text->size(), kMaxNameBytes); !status.ok())
       return Finished(context, status);
   }
+  if (const Status status = CheckRange("time_left_s", request->time_left_s(), 0, kMaxTimeLeft_s); !status.ok()) {
+    return Finished(context, status);
+  }
   const StatusOr<std::string> worker =
       leases_.RegisterWorker({request->host(), request->pid(), request->threads(), request->memory_bytes(),
-                              request->cores(), request->machine(), environment_.access->CallerOf(*context).client});
+                              request->cores(), request->machine(), environment_.access->CallerOf(*context).client,
+                              request->time_left_s(), request->allocation()});
   if (!worker.ok()) return Finished(context, RetryAfter(worker.status(), kRetryRegister_s));
   LogEvent(LogLevel::kInfo, "worker registered",
            {{"worker", *worker}, {"host", request->host()}, {"pid", std::to_string(request->pid())}});
@@ -218,8 +258,38 @@ grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1
     worker.set_last_seen_s(status.last_seen_s);
     worker.set_suspended_reason(status.suspended_reason);
     worker.set_suspended_s(status.suspended_s);
+    worker.set_allocation(status.info.allocation);
+    if (status.time_left_s) worker.set_time_left_s(std::max(0.001, *status.time_left_s));
     bytes += worker.ByteSizeLong();
   }
+  return Finished(context, absl::OkStatus());
+}
+
+grpc::ServerUnaryReactor* WorkersService::GetDemand(Context* context, const v1::GetDemandRequest* request,
+                                                    v1::GetDemandResponse* response) {
+  if (const Status status = CheckRange("worth_s", request->worth_s(), 0, kMaxWorth_s); !status.ok()) {
+    return Finished(context, status);
+  }
+  const StatusOr<std::vector<WorkerClass>> classes = ClassesOf(*request);
+  if (!classes.ok()) return Finished(context, classes.status());
+  std::lock_guard lock(core_.mutex());
+  const Ledger& ledger = core_.ledger();
+  const Demand demand = DemandOf(ledger, *classes, request->worth_s() > 0 ? request->worth_s() : kWorth_s);
+  for (size_t i = 0; i < classes->size(); ++i) {
+    v1::Demand& of_class = *response->add_demands();
+    of_class.set_memory_bytes((*classes)[i].memory_bytes);
+    of_class.set_workers(demand.classes[i].workers);
+    of_class.set_core_s(demand.classes[i].core_s);
+  }
+  for (const TaskRef ref : demand.unfit) {
+    const PlannedTask& plan = ledger.task(ref).plan;
+    v1::UnfitTask& task = *response->add_unfit();
+    task.set_task(TaskName(ref));
+    task.set_title(plan.name);
+    task.set_memory_bytes(plan.peak_bytes);
+    task.set_core_s(plan.cost);
+  }
+  response->set_unfit_count(demand.unfit_count);
   return Finished(context, absl::OkStatus());
 }
 

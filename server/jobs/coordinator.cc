@@ -94,7 +94,9 @@ void RestoreLeases(DispatchCore& core) {
       WorkerInfo info;
       info.machine = task.attempts.back().machine;
       core.lease_table().AddWorker(task.worker(), info, now_us);
-      core.lease_table().FindWorker(task.worker())->has_called = false;
+      WorkerState& restored = *core.lease_table().FindWorker(task.worker());
+      restored.has_called = false;
+      restored.is_restored = true;
     }
     core.lease_table().Grant(ref,
                              {task.worker(), task.attempt(), now_us, now_us + Micros(core.options().lease_s), now_us});

@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "common/job/end_margin.h"
 #include "server/leases/worker_evidence.h"
 
 namespace tessera {
@@ -33,6 +34,24 @@ std::string Short(const std::string& message) {
   return line.size() <= kMost ? line : line.substr(0, kMost) + "...";
 }
 
+// If the time of each worker with the task's memory ends too early.
+std::string TooLittleTime(const JobTask& task, const LeaseTable& leases, const LargestWorker& largest, int64_t now_us) {
+  const int64_t bytes = std::min(task.plan.peak_bytes, largest.memory_bytes);
+  double longest_s = 0, needed_s = 0;
+  for (const auto& [name, worker] : leases.workers()) {
+    if (worker.info.memory_bytes != 0 && worker.info.memory_bytes < bytes) continue;
+    if (HasTime(worker, task.plan.cost, worker.info.threads, now_us)) return "";
+    const double left_s = TimeLeft_s(worker, now_us);
+    if (left_s <= longest_s) continue;
+    longest_s = left_s;
+    needed_s = task.plan.cost / std::max(1, worker.info.threads);
+  }
+  return "no worker has the time for " + Quoted(task) + ", which takes about " + Duration(Micros(needed_s)) +
+         " and must end " + Duration(Micros(kEndMargin_s)) + " before the worker's time limit: the longest has " +
+         Duration(Micros(longest_s)) + " left, and gets it after " + Duration(Micros(kLongerWorkerWait_s)) +
+         " without another task unless one with more time registers";
+}
+
 // Why a ready task is not leased; empty if it is about to be.
 std::string WhyNotLeased(const Ledger& ledger, TaskRef ref, const LeaseTable& leases, int64_t now_us) {
   if (leases.workers().empty()) return "no worker is registered";
@@ -52,6 +71,7 @@ std::string WhyNotLeased(const Ledger& ledger, TaskRef ref, const LeaseTable& le
     if (left_us > 0) words += ", and gets it in " + Duration(left_us) + " unless a larger one registers";
     return words;
   }
+  if (const std::string words = TooLittleTime(task, leases, largest, now_us); !words.empty()) return words;
   const std::optional<int> first = ledger.ready().FirstJob();
   if (first && *first != ref.job) {
     const JobHeader& before = ledger.jobs()[*first].header;

@@ -7,11 +7,13 @@
 
 namespace tessera {
 
+Status UnknownWorker(const std::string& worker) {
+  return Refuse(Refusal::kUnknownWorker, absl::NotFoundError("no such worker: '" + worker + "'; register again"));
+}
+
 Status MarkSeen(DispatchCore& core, const std::string& worker) {
   WorkerState* const known = core.lease_table().FindWorker(worker);
-  if (known == nullptr) {
-    return Refuse(Refusal::kUnknownWorker, absl::NotFoundError("no such worker: '" + worker + "'; register again"));
-  }
+  if (known == nullptr) return UnknownWorker(worker);
   known->last_seen_us = core.environment().clock->MonotonicUs();
   known->has_called = true;
   return absl::OkStatus();

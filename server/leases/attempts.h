@@ -9,6 +9,8 @@
 
 namespace tessera {
 
+// Refusal::kUnknownWorker: the worker must register again.
+Status UnknownWorker(const std::string& worker);
 // Records the time of the worker's call. Refusal::kUnknownWorker if it is not registered.
 Status MarkSeen(DispatchCore& core, const std::string& worker);
 // The reported task, and whether the attempt is the current one. Both fail with Refusal::kNotCurrent.

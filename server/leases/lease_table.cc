@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/job/end_margin.h"
+
 namespace tessera {
 namespace {
 
@@ -11,6 +13,15 @@ constexpr size_t kRecentTiles = 8;
 const std::string& MachineOf(const WorkerInfo& info) { return info.machine.empty() ? info.host : info.machine; }
 
 }  // namespace
+
+double TimeLeft_s(const WorkerState& worker, int64_t now_us) {
+  if (worker.ends_us == 0) return std::numeric_limits<double>::infinity();
+  return static_cast<double>(worker.ends_us - now_us) / 1e6;
+}
+
+bool HasTime(const WorkerState& worker, double core_s, int threads, int64_t now_us) {
+  return core_s / std::max(1, threads) + kEndMargin_s <= TimeLeft_s(worker, now_us);
+}
 
 const LeaseState* LeaseTable::Find(TaskRef ref) const {
   const auto it = leases_.find(ref);
@@ -60,7 +71,8 @@ WorkerState* LeaseTable::FindWorker(const std::string& worker) {
 
 void LeaseTable::AddWorker(const std::string& worker, const WorkerInfo& info, int64_t now_us) {
   if (info.memory_bytes > Largest().memory_bytes) largest_since_us_ = now_us;
-  workers_[worker] = {info, now_us};
+  WorkerState& added = workers_[worker] = {info, now_us};
+  if (info.time_left_s > 0) added.ends_us = now_us + Micros(info.time_left_s);
   workers_of_machine_[MachineOf(info)].insert(worker);
   ++workers_of_client_[info.client];
 }
@@ -78,7 +90,10 @@ void LeaseTable::RemoveWorker(const std::string& worker) {
 
 LeaseState& LeaseTable::Grant(TaskRef ref, LeaseState lease) {
   Release(ref);
-  if (WorkerState* const holder = FindWorker(lease.worker)) holder->tasks.insert(ref);
+  if (WorkerState* const holder = FindWorker(lease.worker)) {
+    holder->tasks.insert(ref);
+    holder->short_of_time_since_us.reset();
+  }
   return leases_[ref] = std::move(lease);
 }
 

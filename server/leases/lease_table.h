@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -18,9 +19,11 @@ struct WorkerInfo {
   int pid = 0;
   int threads = 0;  // thread limit of its tasks
   int64_t memory_bytes = 0;
-  int cores = 0;             // of the machine; 0: unknown
-  std::string machine = {};  // host, boot and, if a scheduler shares the host out, allocation; empty: unknown
-  std::string client = {};   // that registered it
+  int cores = 0;                // of the machine; 0: unknown
+  std::string machine = {};     // host, boot and, if a scheduler shares the host out, allocation; empty: unknown
+  std::string client = {};      // that registered it
+  double time_left_s = 0;       // until its allocation ends, at its registration; 0: no limit
+  std::string allocation = {};  // part of `machine`: the scheduler's job; empty: none
 };
 
 struct TileRef {
@@ -49,9 +52,12 @@ struct LeaseState {
 struct WorkerState {
   WorkerInfo info;
   int64_t last_seen_us = 0;
-  bool has_called = true;                  // called since the coordinator started; false: only in records
-  std::vector<TileRef> recent_tiles = {};  // tiles of its tasks, latest first; it may have them in memory
-  std::set<TaskRef> tasks = {};            // leased to it
+  bool has_called = true;    // called since the coordinator started; false: only in records
+  bool is_restored = false;  // from records, which have its machine alone: it must register again
+  int64_t ends_us = 0;       // end of its allocation; 0: no limit
+  std::optional<int64_t> short_of_time_since_us = {};  // see placement.cc
+  std::vector<TileRef> recent_tiles = {};              // tiles of its tasks, latest first; it may have them in memory
+  std::set<TaskRef> tasks = {};                        // leased to it
   // The last call that got a lease (0: none), and that lease.
   int64_t call = 0;
   TaskRef granted = {};
@@ -70,6 +76,14 @@ struct LargestWorker {
   int64_t memory_bytes = 0;  // 0: no worker, or unknown
   int64_t since_us = 0;
 };
+
+// A worker whose time ends too early for a task, like those of all others, waits this long for one that has more.
+inline constexpr double kLongerWorkerWait_s = 60;
+
+// Time until the worker's allocation ends; infinity: no limit.
+double TimeLeft_s(const WorkerState& worker, int64_t now_us);
+// Whether a task that takes `core_s` on `threads` is predicted to end kEndMargin_s before the worker's allocation.
+bool HasTime(const WorkerState& worker, double core_s, int threads, int64_t now_us);
 
 // All leases and registered workers. Not thread-safe.
 class LeaseTable {

@@ -122,6 +122,15 @@ Leases::Try Leases::TryLocked(const LeaseCall& call) {
     tried.answer = DrainingError("grants no leases");
     return tried;
   }
+  // Its memory, cores and time are not known. After a report it calls again for its next task.
+  if (const WorkerState* const self = leases_.FindWorker(call.worker); self->is_restored) {
+    if (!call.comes_with_report) {
+      if (self->tasks.empty()) leases_.RemoveWorker(call.worker);
+      tried.answer = UnknownWorker(call.worker);
+    }
+    waiting_.WakeNext();
+    return tried;
+  }
   const auto now = std::chrono::steady_clock::now();
   const double waited_s = call.comes_with_report ? 0.0
                           : now < call.until     ? std::chrono::duration<double>(now - call.asked).count()

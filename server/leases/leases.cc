@@ -241,6 +241,7 @@ std::vector<WorkerStatus> Leases::ListWorkers() const {
       status.suspended_reason = worker.suspended_reason;
       status.suspended_s = static_cast<double>(worker.suspended_until_us - now_us) / 1e6;
     }
+    if (worker.ends_us != 0) status.time_left_s = std::max(0.0, TimeLeft_s(worker, now_us));
     workers.push_back(std::move(status));
   }
   return workers;

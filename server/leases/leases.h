@@ -36,9 +36,10 @@ struct WorkerStatus {
   std::string name;
   WorkerInfo info;
   std::vector<std::string> tasks;
-  double last_seen_s = 0;             // seconds since its last call
-  std::string suspended_reason = {};  // empty: not suspended
-  double suspended_s = 0;             // until the suspension ends
+  double last_seen_s = 0;                  // seconds since its last call
+  std::string suspended_reason = {};       // empty: not suspended
+  double suspended_s = 0;                  // until the suspension ends
+  std::optional<double> time_left_s = {};  // until its allocation ends; none: no limit
 };
 
 // Callbacks into server/jobs.

@@ -1,6 +1,7 @@
 #include "server/ledger/job.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace tessera {
 namespace {
@@ -18,6 +19,16 @@ int ParseNumber(const std::string& text) {
 
 constexpr char kJobs[] = "jobs/";
 constexpr char kTasks[] = "/tasks/";
+
+PhaseWork& PhaseOf(const JobTask& task, WorkByPhase& work) {
+  return work[{task.depth, MemoryStep(task.plan.peak_bytes)}];
+}
+
+void AddUnfinished(const JobTask& task, int count, WorkByPhase& work) {
+  PhaseWork& phase = PhaseOf(task, work);
+  phase.unfinished += count;
+  phase.unfinished_core_s += count * task.plan.cost;
+}
 
 }  // namespace
 
@@ -39,8 +50,18 @@ void JobSums::AddRun(const PlannedTask& plan, double cost, double seconds) {
   timed_s += seconds;
 }
 
+int MemoryStep(int64_t peak_bytes) {
+  if (peak_bytes <= 0) return kUnknownMemoryStep;
+  return static_cast<int>(std::ceil(16 * std::log2(static_cast<double>(peak_bytes) / (1 << 30))));
+}
+
 void JobTotals::AddPlanned(const JobTask& task) {
   if (!task.plan.given->empty()) return;
+  PhaseWork& phase = PhaseOf(task, work_);
+  ++phase.planned;
+  phase.planned_core_s += task.plan.cost;
+  phase.most_core_s = std::max(phase.most_core_s, task.plan.cost);
+  AddUnfinished(task, 1, work_);
   ++sums_.tasks;
   sums_.bytes_to_store += task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).total += task.plan.cost;
@@ -58,6 +79,7 @@ void JobTotals::AddQuarantined(int tile) {
 
 void JobTotals::AddSucceeded(int index, const JobTask& task) {
   ++sums_.tasks_done;
+  AddUnfinished(task, -1, work_);
   sums_.bytes_to_store -= task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).done += task.plan.cost;
   if (!task.reused) {
@@ -69,6 +91,7 @@ void JobTotals::AddSucceeded(int index, const JobTask& task) {
 
 void JobTotals::AddLost(int index, const JobTask& task) {
   --sums_.tasks_done;
+  AddUnfinished(task, 1, work_);
   sums_.bytes_to_store += task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).done -= task.plan.cost;
   warned_.erase(index);

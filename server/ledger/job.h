@@ -8,6 +8,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/container/inlined_vector.h"
@@ -173,6 +174,19 @@ struct JobSums {
   double timed_cost = 0, timed_s = 0;
 };
 
+// Ranges of memory for WorkByPhase, 16 per factor of 2: the task needs at most 2^(step / 16) GiB.
+inline constexpr int kUnknownMemoryStep = -1'000'000;  // no prediction
+int MemoryStep(int64_t peak_bytes);
+
+// The tasks of a job with one depth and one memory step.
+struct PhaseWork {
+  int64_t planned = 0, unfinished = 0;               // tasks
+  double planned_core_s = 0, unfinished_core_s = 0;  // predicted
+  double most_core_s = 0;                            // of one planned task
+};
+// By depth and memory step. Without given tasks.
+using WorkByPhase = std::map<std::pair<int, int>, PhaseWork>;
+
 // Totals of a job's tasks, updated at each change because a city has millions. Not thread-safe.
 class JobTotals {
  public:
@@ -185,11 +199,15 @@ class JobTotals {
   void AddLost(int index, const JobTask& task);
   const JobSums& sums() const { return sums_; }
   const std::set<int>& warned() const { return warned_; }  // indices of succeeded tasks with warnings
+  // Empty if the job has ended.
+  const WorkByPhase& work() const { return work_; }
+  void ForgetWork() { work_.clear(); }
 
  private:
   JobSums sums_;
   std::set<int> warned_;
   std::map<int, int> unfinished_of_tile_;  // unfinished tasks
+  WorkByPhase work_;
 };
 
 struct Job {

@@ -266,6 +266,7 @@ void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
     each.state = TaskState::kCancelled;
     each.end_us = time_us;
   }
+  job.totals.ForgetWork();
   active_jobs_.erase(std::find(active_jobs_.begin(), active_jobs_.end(), index));
   ready_.DropJob(index);
   UpdateDue(index);

@@ -14,6 +14,7 @@ DispatchSnapshot SnapshotOf(DispatchCore& core) {
   snapshot.counts = core.counts();
   const ReadyTasks& ready = core.ledger().ready();
   snapshot.ready = ready.Groups();
+  snapshot.wanted = DemandOf(core.ledger(), DefaultClasses(), kWorth_s).classes;
   snapshot.delayed = ready.delayed_count();
   if (const auto since_us = ready.OldestSince()) {
     const int64_t now_us = core.environment().clock->UnixTimeUs();

@@ -95,6 +95,12 @@ void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
                {{"kind", std::string(KindName(kind))}, {"memory", MemoryName(memory_class)}});
     }
   }
+  list.Gauge("workers_wanted",
+             "Workers of one core that would have 300 s of work each, for the tasks of this class of predicted memory "
+             "and of all larger classes together; for programs that start workers");
+  for (size_t i = 0; i < now.wanted.size(); ++i) {
+    list.Add(int64_t{now.wanted[i].workers}, {{"memory", MemoryName(static_cast<int>(i))}});
+  }
   list.Gauge("oldest_ready_task_age_seconds", "Time since the oldest task of tasks_ready became ready, seconds",
              now.oldest_ready_s);
   list.Gauge("tasks_delayed", "Tasks that wait for their retry after a failed attempt", now.delayed);

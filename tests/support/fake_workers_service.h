@@ -113,16 +113,18 @@ class FakeWorkersService : public v1::Workers::Service {
   std::vector<v1::TaskProgress> progress;
   std::vector<std::string> unregistered;
   int registrations = 0;
+  double time_left_s = 0;  // of the last registration
   int leases_asked = 0;
   std::vector<int64_t> lease_calls;
   int reports_answered = 0;
 
-  grpc::Status RegisterWorker(grpc::ServerContext*, const v1::RegisterWorkerRequest*,
+  grpc::Status RegisterWorker(grpc::ServerContext*, const v1::RegisterWorkerRequest* request,
                               v1::RegisterWorkerResponse* response) override {
     std::lock_guard lock(mutex_);
     if (!register_answer_.ok()) return register_answer_;
     const std::string name = "workers/" + std::to_string(++registrations);
     workers_.insert(name);
+    time_left_s = request->time_left_s();
     response->set_worker(name);
     response->set_lease_s(2);
     response->set_heartbeat_s(0.02);

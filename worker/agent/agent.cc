@@ -13,6 +13,7 @@
 
 #include "common/base/parallel.h"
 #include "common/base/refusal.h"
+#include "common/job/end_margin.h"
 #include "common/job/task_parameters.h"
 #include "common/log/log.h"
 #include "common/rpc/blob_client.h"
@@ -79,6 +80,10 @@ bool IsAnswered(const Status& report) {
          absl::IsNotFound(report);
 }
 
+double SecondsSince(std::chrono::steady_clock::time_point time) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - time).count();
+}
+
 LogFields With(LogFields fields, const std::string& key, const std::string& value) {
   fields.emplace_back(key, value);
   return fields;
@@ -120,10 +125,10 @@ class Agent::Impl {
       heartbeats.join();
       const Status unregistered = link_.Unregister(worker());
       LogInfo("stopped", {{"worker", worker()}, {"unregistered", unregistered.ok() ? "yes" : MessageOf(unregistered)}});
-    } else if (IdleLeft_s() <= 0) {
-      status =
-          absl::UnavailableError("no coordinator at " + options_.coordinator.address + " accepted this worker for " +
-                                 std::to_string(static_cast<int64_t>(options_.idle_s)) + " s: " + MessageOf(status));
+    } else if (LeasingLeft_s() <= 0) {
+      status = absl::UnavailableError(
+          "no coordinator at " + options_.coordinator.address + " accepted this worker for " +
+          std::to_string(static_cast<int64_t>(SecondsSince(created_))) + " s: " + MessageOf(status));
     }
     return draining_ ? absl::OkStatus() : status;
   }
@@ -168,7 +173,11 @@ class Agent::Impl {
     bool warned = false;
     Registration registration;
     const auto call = [&] {
-      auto answer = link_.Register(options_.description);
+      WorkerDescription description = options_.description;
+      if (description.time_left_s > 0) {
+        description.time_left_s = std::max(1.0, description.time_left_s - SecondsSince(created_));
+      }
+      auto answer = link_.Register(description);
       if (answer.ok()) {
         registration = *std::move(answer);
       } else if (!warned) {
@@ -192,18 +201,23 @@ class Agent::Impl {
 
   // False if the worker ends instead.
   bool WaitToRegister(double seconds) {
-    const double left_s = IdleLeft_s();
+    const double left_s = LeasingLeft_s();
     if (left_s <= 0) return false;
     std::unique_lock lock(mutex_);
     return !changed_.wait_for(lock, std::chrono::duration<double>(std::min(seconds, left_s)),
                               [&] { return draining_ || ended_; });
   }
 
-  // Until the worker ends because it has no task.
-  double IdleLeft_s() const {
+  // Until the worker ends because it has no task, or because its allocation ends.
+  double LeasingLeft_s() const {
     std::lock_guard lock(mutex_);
-    if (options_.idle_s <= 0 || attempt_ != nullptr) return std::numeric_limits<double>::infinity();
-    return options_.idle_s - std::chrono::duration<double>(std::chrono::steady_clock::now() - idle_since_).count();
+    double left_s = std::numeric_limits<double>::infinity();
+    if (attempt_ != nullptr) return left_s;
+    if (options_.idle_s > 0) left_s = options_.idle_s - SecondsSince(idle_since_);
+    if (const double limit_s = options_.description.time_left_s; limit_s > 0) {
+      left_s = std::min(left_s, limit_s - kEndMargin_s - SecondsSince(created_));
+    }
+    return left_s;
   }
 
   // Runs `call` with the worker's name. If the coordinator does not have the worker, registers and retries.
@@ -225,10 +239,9 @@ class Agent::Impl {
         lease = RunLease(*lease);
         continue;
       }
-      const double left_s = IdleLeft_s();
+      const double left_s = LeasingLeft_s();
       if (left_s <= 0) {
-        LogInfo("no task: stops",
-                {{"worker", worker()}, {"seconds", std::to_string(static_cast<int64_t>(options_.idle_s))}});
+        LogInfo("no task, or the time limit is near: stops", {{"worker", worker()}});
         break;
       }
       const Status status = CallAs([&](const std::string& name) -> Status {
@@ -436,6 +449,7 @@ class Agent::Impl {
   bool to_probe_ = false;             // guarded by mutex_: files_ must probe this registration
   std::shared_ptr<Attempt> attempt_;  // guarded by mutex_
   // Guarded by mutex_: since when there is no attempt, or the start.
+  const std::chrono::steady_clock::time_point created_ = std::chrono::steady_clock::now();
   std::chrono::steady_clock::time_point idle_since_ = std::chrono::steady_clock::now();
   bool ended_ = false;                  // guarded by mutex_: no further lease follows
   std::atomic<bool> draining_{false};   // written under mutex_

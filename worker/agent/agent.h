@@ -22,6 +22,7 @@ struct AgentOptions {
   int64_t cache_bytes = int64_t{20} << 30;
   double lease_wait_s = 20;  // how long a lease call waits for a task
   double idle_s = 0;         // Run ends after this time without a task; 0: never
+  // Run ends kEndMargin_s before the worker's allocation (description.time_left_s, from Create on) if it has no task.
   WorkerDescription description;
   RetryPolicy retry;            // while the coordinator is unreachable; the number of attempts is always unlimited
   double storage_wait_s = 600;  // how long finished outputs wait for storage space before the attempt fails
@@ -36,7 +37,8 @@ class Agent {
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options, TaskRunner runner);
   ~Agent();
 
-  // Runs until StopLeasing or Drain, or until there was no task for AgentOptions::idle_s. If the coordinator is
+  // Runs until StopLeasing or Drain, or until there was no task for AgentOptions::idle_s or until the end of
+  // the allocation is near. If the coordinator is
   // unreachable, has restarted or no longer has this worker, retries without limit; the current task continues and is
   // reported later. Returns an error only if the coordinator rejects the worker permanently (different version of the
   // algorithms), and UNAVAILABLE if none answered for idle_s.

@@ -88,6 +88,8 @@ StatusOr<Registration> CoordinatorLink::Register(const WorkerDescription& descri
   request.set_version(description.version);
   request.set_cores(description.cores);
   request.set_machine(PrintableText(description.machine));
+  request.set_allocation(PrintableText(description.allocation));
+  request.set_time_left_s(description.time_left_s);
   v1::RegisterWorkerResponse response;
   TESSERA_RETURN_IF_ERROR(FromGrpc(impl_->stub->RegisterWorker(&context, request, &response)));
   Registration registration;

@@ -32,7 +32,7 @@ struct Flags {
   bool no_shared_storage = false;
   double cache_gib = 20;
   bool exit_with_parent = false;
-  double drain_s = 0, idle_s = 0;
+  double drain_s = 0, idle_s = 0, time_left_s = 0;
   std::string allocation;
   std::string log_level = "info";
   bool json_logs = false;
@@ -98,6 +98,12 @@ void AddFlags(CLI::App& app, Flags& flags) {
          "--idle-s", flags.idle_s,
          "End with exit code 0 after this time without a task, seconds, so that a scheduler such as Slurm can use "
          "the cores for others; 0: never")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
+  app.add_option("--time-left", flags.time_left_s,
+                 "Time until a scheduler ends this worker, seconds: it gets only tasks that are predicted to end 30 s "
+                 "before, and "
+                 "ends with exit code 0 when 30 s are left; 0: no limit")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "Drain when the process that started this one ends");
@@ -187,7 +193,9 @@ int main(int argc, char** argv) {
                          tessera::MemoryLimit_bytes(),
                          tessera::kAlgorithmVersion,
                          tessera::CoreLimit(),
-                         Machine(flags.allocation)};
+                         Machine(flags.allocation),
+                         flags.allocation,
+                         flags.time_left_s};
   options.retry.seed = static_cast<uint64_t>(getpid());
   // Another coordinator of a list may have taken over at any time.
   if (tessera::IsAddressList(flags.coordinator.address)) options.retry.max_delay_s = 1;

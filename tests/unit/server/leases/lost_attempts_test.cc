@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "common/base/refusal.h"
 #include "server/jobs/coordinator.h"
 #include "tessera/v1/records.pb.h"
 #include "tests/support/fake_coordinator.h"
@@ -184,6 +185,19 @@ TEST_F(LostAttemptsTest, StalledAttemptEndsDespiteHeartbeats) {
   EXPECT_EQ(again->attempt, 2);
   EXPECT_EQ(Succeed(hung, *lease).code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_TRUE(Succeed(other, *again).ok());
+}
+
+// The records have the worker's name and machine alone, so its memory, cores and time limit are not known.
+TEST_F(LostAttemptsTest, WorkerRegistersAgainForItsNextTaskAfterARestart) {
+  Create(AJob(2));
+  const std::string worker = Worker();
+  const auto lease = Lease(worker);
+  Restart();
+  ASSERT_TRUE(Succeed(worker, *lease).ok()) << "the lease holds";
+  const auto next = LeaseAndWait(*coordinator_, worker, 0, {});
+  EXPECT_EQ(RefusalOf(next.status()), Refusal::kUnknownWorker);
+  const std::string again = Worker();
+  EXPECT_TRUE(Lease(again));
 }
 
 }  // namespace

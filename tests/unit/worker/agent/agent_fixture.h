@@ -45,6 +45,7 @@ class AgentTest : public testing::Test {
     options.retry.max_delay_s = 0.05;
     options.storage_wait_s = 0.5;
     options.idle_s = idle_s_;
+    options.description.time_left_s = time_left_s_;
     auto agent = Agent::Create(options, std::move(runner));
     ASSERT_TRUE(agent.ok()) << agent.status();
     agent_ = *std::move(agent);
@@ -87,7 +88,7 @@ class AgentTest : public testing::Test {
   }
 
   TempFolder folder_;
-  double idle_s_ = 0;  // of agents that are started
+  double idle_s_ = 0, time_left_s_ = 0;  // of agents that are started
   FakeWorkersService coordinator_;
   std::unique_ptr<Agent> agent_;
   std::thread thread_;

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "common/base/parallel.h"
+#include "common/job/end_margin.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
 #include "tests/unit/worker/agent/agent_fixture.h"
@@ -363,6 +364,17 @@ TEST_F(AgentTest, StopLeasingEndsAnIdleWorkerAtOnce) {
   agent_->StopLeasing();
   thread_.join();
   EXPECT_TRUE(agent_status_.ok());
+  EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
+}
+
+TEST_F(AgentTest, WorkerEndsBeforeItsAllocation) {
+  time_left_s_ = kEndMargin_s + 0.4;
+  coordinator_.Queue(NewLease("jobs/1/tasks/1"));
+  StartAgent(Concatenate);
+  thread_.join();
+  EXPECT_TRUE(agent_status_.ok()) << agent_status_;
+  EXPECT_EQ(coordinator_.reports.size(), 1u);
+  EXPECT_NEAR(coordinator_.time_left_s, time_left_s_, 1);
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
 }
 
