@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -105,6 +106,28 @@ TEST_F(ExportTest, OtherProgramsReadTheFiles) {
       Program(folder_.path(), "/usr/bin/env", {"node", TESSERA_VALIDATORS "/validate.mjs", out_}).Wait();
   EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_THAT(outcome.output, HasSubstr(": 0 faults"));
+}
+
+// Assimp is a reader of its own: it finds all faces, at the same place.
+TEST_F(ExportTest, AssimpReadsTheMeshes) {
+  const Outcome exported = Export(result_, "glb,obj,ply", {"--scene", ToyCity(), "--quiet"});
+  ASSERT_EQ(exported.exit_code, 0) << exported.output;
+  const std::string mesh = Content(result_ + "/mesh.ply"), element = "element face ";
+  const std::string faces = mesh.substr(mesh.find(element) + element.size(), 20);
+  std::vector<std::string> corners;
+  for (const std::string file : {"obj/mesh.obj", "ply/mesh.ply", "glb/mesh.glb"}) {
+    const Outcome read = Program(folder_.path(), "/usr/bin/env", {"assimp", "info", out_ + "/" + file}).Wait();
+    EXPECT_EQ(read.exit_code, 0) << file << ": " << read.output;
+    const auto after = [&read](const std::string& label) {
+      const size_t start = read.output.find(label);
+      return start == std::string::npos ? "" : read.output.substr(start, read.output.find('\n', start) - start);
+    };
+    EXPECT_EQ(after("Faces:"), absl::StrCat("Faces:              ", std::atoi(faces.c_str()))) << file;
+    corners.push_back(after("Minimum point") + after("Maximum point"));
+  }
+  EXPECT_EQ(corners[0], corners[1]);
+  EXPECT_THAT(corners[0], HasSubstr("("));
+  EXPECT_NE(corners[2], corners[0]) << "glTF has another axis up";
 }
 
 TEST_F(ExportTest, ChangesOfAnUpdateAreExported) {
