@@ -24,11 +24,11 @@ struct WorkerDescription {
   int pid = 0;
   int threads = 0;  // limit for its tasks
   int64_t memory_bytes = 0;
-  std::string version;     // of the algorithms
-  int cores = 0;           // of the host; 0: unknown
-  std::string machine;     // host name, boot id and allocation
-  std::string allocation;  // the scheduler's job; empty: none
-  double time_left_s = 0;  // until the allocation ends; 0: no limit
+  std::string version;          // of the algorithms
+  int cores = 0;                // of the host; 0: unknown
+  std::string machine = {};     // host name, boot id and allocation
+  std::string allocation = {};  // the scheduler's job; empty: none
+  double time_left_s = 0;       // until the allocation ends; 0: no limit
 };
 
 // The coordinator's answer to Register.

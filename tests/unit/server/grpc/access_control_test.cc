@@ -41,6 +41,7 @@ const std::map<std::string, std::set<std::string>> kMayCall = {
     {"/tessera.v1.Workers/ReportTask", {"worker"}},
     {"/tessera.v1.Workers/UnregisterWorker", {"worker"}},
     {"/tessera.v1.Workers/ListWorkers", {"viewer", "submitter", "admin"}},
+    {"/tessera.v1.Workers/GetDemand", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Blobs/StatBlobs", {"viewer", "submitter", "worker", "admin"}},
     {"/tessera.v1.Blobs/ReadBlob", {"viewer", "submitter", "worker", "admin"}},
     {"/tessera.v1.Blobs/WriteBlob", {"worker"}},

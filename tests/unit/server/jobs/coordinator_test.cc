@@ -381,11 +381,12 @@ TEST_F(CoordinatorTest, WorkersContinueAfterARestart) {
   clock_.Advance(25);
   EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {{lease->task, lease->attempt, 0.5, ""}}), IsEmpty());
   ASSERT_TRUE(Succeed(worker, *lease).ok());
-  WorkAll(worker);
+  const std::string registered_again = Worker();
+  WorkAll(registered_again);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
   // A worker that does not call loses the task; attempt numbers continue.
   Create(AJob(1, "other"));
-  ASSERT_TRUE(Lease(worker));
+  ASSERT_TRUE(Lease(registered_again));
   Restart();
   clock_.Advance(31);
   const auto again = Lease(Worker());

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "common/base/random.h"
+#include "common/base/refusal.h"
 #include "common/base/version.h"
 #include "server/ledger/check_record.h"
 #include "server/ledger/ledger.h"
@@ -110,8 +111,9 @@ class ReplayTest : public CoordinatorTest {
       }
       default: {
         if (workers.empty()) break;
-        const std::string& worker = workers[static_cast<size_t>(random.Below(static_cast<int64_t>(workers.size())))];
+        std::string& worker = workers[static_cast<size_t>(random.Below(static_cast<int64_t>(workers.size())))];
         const auto lease = LeaseAndWait(*coordinator_, worker, 0, {});
+        if (RefusalOf(lease.status()) == Refusal::kUnknownWorker) worker = Worker();  // after a restart
         if (lease.ok() && *lease) leases.emplace_back(worker, **lease);
       }
     }
