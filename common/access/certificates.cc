@@ -81,6 +81,22 @@ const EVP_MD* HashFor(const EVP_PKEY* key) {
 // Makes OpenSSL fail on an encrypted key instead of asking for its password on the terminal.
 int NoPassword(char*, int, int, void*) { return -1; }
 
+Bio Reader(const std::string& pem) { return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size()))); }
+
+// All certificates of a PEM file; the first one is the owner's.
+StatusOr<std::vector<X509Ptr>> ReadCertificates(const std::string& file, const std::string& pem) {
+  ERR_clear_error();
+  const Bio reader = Reader(pem);
+  std::vector<X509Ptr> found;
+  while (X509Ptr next{PEM_read_bio_X509(reader.get(), nullptr, NoPassword, nullptr)}) found.push_back(std::move(next));
+  const unsigned long error = ERR_peek_last_error();
+  ERR_clear_error();
+  const bool at_end = ERR_GET_LIB(error) == ERR_LIB_PEM && ERR_GET_REASON(error) == PEM_R_NO_START_LINE;
+  if (!found.empty() && at_end) return found;
+  return InputError(file, absl::StrCat("certificate ", found.size() + 1),
+                    pem.empty() ? "an empty file" : "no complete certificate", "certificates in PEM");
+}
+
 // `issuer`, `issuer_key`: null for a self-signed certificate.
 StatusOr<Certificate> Make(const CertificateTerms& terms, X509* issuer, EVP_PKEY* issuer_key) {
   const Key key(EVP_EC_gen("P-256"));
@@ -111,6 +127,8 @@ StatusOr<Certificate> Make(const CertificateTerms& terms, X509* issuer, EVP_PKEY
     good = good && AddExtension(made, signer, NID_key_usage, "critical,digitalSignature");
     good = good && AddExtension(made, signer, NID_ext_key_usage, names.empty() ? "clientAuth" : "serverAuth");
     if (!names.empty()) good = good && AddExtension(made, signer, NID_subject_alt_name, names);
+    // Tells authorities of the same name apart where both are trusted, as during a renewal.
+    good = good && AddExtension(made, signer, NID_authority_key_identifier, "keyid:always");
   }
   good = good && AddExtension(made, signer, NID_subject_key_identifier, "hash");
   EVP_PKEY* const signing = issuer_key != nullptr ? issuer_key : key.get();
@@ -127,17 +145,32 @@ StatusOr<Certificate> Make(const CertificateTerms& terms, X509* issuer, EVP_PKEY
 StatusOr<Certificate> MakeAuthority(const CertificateTerms& terms) { return Make(terms, nullptr, nullptr); }
 
 StatusOr<Certificate> MakeCertificate(const Certificate& authority, const CertificateTerms& terms) {
-  const auto read = [](const std::string& pem) {
-    return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
-  };
-  const X509Ptr issuer(PEM_read_bio_X509(read(authority.certificate_pem).get(), nullptr, NoPassword, nullptr));
-  const Key key(PEM_read_bio_PrivateKey(read(authority.key_pem).get(), nullptr, NoPassword, nullptr));
+  const X509Ptr issuer(PEM_read_bio_X509(Reader(authority.certificate_pem).get(), nullptr, NoPassword, nullptr));
+  const Key key(PEM_read_bio_PrivateKey(Reader(authority.key_pem).get(), nullptr, NoPassword, nullptr));
   if (issuer == nullptr || key == nullptr || X509_check_private_key(issuer.get(), key.get()) != 1) {
     ERR_clear_error();
     return absl::InvalidArgumentError(
         "cannot read the certificate authority: expected a certificate and its private key in PEM, without a password");
   }
   return Make(terms, issuer.get(), key.get());
+}
+
+Status CheckCertificate(const std::string& certificate_file, const std::string& certificate_pem,
+                        const std::string& key_file, const std::string& key_pem) {
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<X509Ptr> chain, ReadCertificates(certificate_file, certificate_pem));
+  const Key key(PEM_read_bio_PrivateKey(Reader(key_pem).get(), nullptr, NoPassword, nullptr));
+  const bool matches = key != nullptr && X509_check_private_key(chain.front().get(), key.get()) == 1;
+  ERR_clear_error();
+  if (key == nullptr) {
+    return InputError(key_file, "", key_pem.empty() ? "an empty file" : "no complete private key",
+                      "a private key in PEM, without a password");
+  }
+  if (!matches) return InputError(key_file, "", "another key", "the key of the certificate in " + certificate_file);
+  return absl::OkStatus();
+}
+
+Status CheckAuthorities(const std::string& file, const std::string& pem) {
+  return ReadCertificates(file, pem).status();
 }
 
 }  // namespace tessera

@@ -30,4 +30,13 @@ StatusOr<Certificate> MakeAuthority(const CertificateTerms& terms);
 // A certificate signed by `authority`. INVALID_ARGUMENT if `authority` does not hold a certificate and its key.
 StatusOr<Certificate> MakeCertificate(const Certificate& authority, const CertificateTerms& terms);
 
+// Whether the PEM files are complete. INVALID_ARGUMENT with the file and the fault. Does not check validity dates or
+// signatures. Thread-safe.
+//
+// A certificate, with those of intermediate authorities after it, and its key, which must match and have no password.
+Status CheckCertificate(const std::string& certificate_file, const std::string& certificate_pem,
+                        const std::string& key_file, const std::string& key_pem);
+// One or more certificates of authorities.
+Status CheckAuthorities(const std::string& file, const std::string& pem);
+
 }  // namespace tessera

@@ -1,6 +1,7 @@
 #include "common/rpc/channel.h"
 
 #include <grpcpp/grpcpp.h>
+#include <grpcpp/security/tls_credentials_options.h>
 #include <grpcpp/support/client_interceptor.h>
 #include <netdb.h>
 #include <sys/socket.h>
@@ -16,6 +17,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "common/access/secrets.h"
+#include "common/rpc/tls_certificates.h"
 
 namespace tessera {
 namespace {
@@ -23,7 +25,6 @@ namespace {
 namespace experimental = grpc::experimental;
 
 constexpr char kSocketScheme[] = "unix:";
-constexpr int64_t kMaxPemBytes = 4 << 20;
 constexpr int kKeepaliveOfListMs = 6'000;  // servers allow one ping every kKeepaliveTimeMs / 4
 
 std::chrono::system_clock::time_point After(double seconds) {
@@ -52,15 +53,19 @@ class IdentityInterceptor final : public experimental::Interceptor {
   CallIdentity& identity_;
 };
 
+// Owned by the channel. It also holds what must live as long as the channel does.
 class IdentityInterceptorFactory final : public experimental::ClientInterceptorFactoryInterface {
  public:
-  explicit IdentityInterceptorFactory(std::shared_ptr<CallIdentity> identity) : identity_(std::move(identity)) {}
+  // Either may be null.
+  IdentityInterceptorFactory(std::shared_ptr<CallIdentity> identity, std::shared_ptr<TlsCertificates> certificates)
+      : identity_(std::move(identity)), certificates_(std::move(certificates)) {}
   experimental::Interceptor* CreateClientInterceptor(experimental::ClientRpcInfo*) override {
-    return new IdentityInterceptor(*identity_);  // gRPC takes ownership
+    return identity_ == nullptr ? nullptr : new IdentityInterceptor(*identity_);  // gRPC takes ownership
   }
 
  private:
   const std::shared_ptr<CallIdentity> identity_;
+  const std::shared_ptr<TlsCertificates> certificates_;
 };
 
 // Whether every address of an endpoint is local.
@@ -118,7 +123,8 @@ StatusOr<std::string> TargetOf(const std::vector<std::string>& addresses) {
 // `address`: of an endpoint. A list's names are resolved now.
 StatusOr<std::shared_ptr<grpc::Channel>> Connect(const std::string& address,
                                                  const std::shared_ptr<grpc::ChannelCredentials>& credentials,
-                                                 std::shared_ptr<CallIdentity> identity) {
+                                                 std::shared_ptr<CallIdentity> identity,
+                                                 std::shared_ptr<TlsCertificates> certificates = nullptr) {
   grpc::ChannelArguments arguments;
   std::string target = address;
   if (IsAddressList(address)) {
@@ -141,7 +147,7 @@ StatusOr<std::shared_ptr<grpc::Channel>> Connect(const std::string& address,
   arguments.SetInt(GRPC_ARG_MAX_METADATA_SIZE, 1 << 20);  // room for messages that list all faults of a scene
   arguments.SetMaxReceiveMessageSize(64 << 20);
   std::vector<std::unique_ptr<experimental::ClientInterceptorFactoryInterface>> interceptors;
-  if (identity != nullptr) interceptors.push_back(std::make_unique<IdentityInterceptorFactory>(std::move(identity)));
+  interceptors.push_back(std::make_unique<IdentityInterceptorFactory>(std::move(identity), std::move(certificates)));
   return experimental::CreateCustomChannelWithInterceptors(target, credentials, arguments, std::move(interceptors));
 }
 
@@ -257,13 +263,14 @@ StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const Endpoint& endpoint, s
     }
     return Connect(endpoint.address, grpc::InsecureChannelCredentials(), std::move(identity));
   }
-  grpc::SslCredentialsOptions tls;
-  TESSERA_ASSIGN_OR_RETURN(tls.pem_root_certs, ReadFile(endpoint.tls_ca, kMaxPemBytes));
-  if (!endpoint.tls_cert.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(tls.pem_cert_chain, ReadFile(endpoint.tls_cert, kMaxPemBytes));
-    TESSERA_ASSIGN_OR_RETURN(tls.pem_private_key, ReadFile(endpoint.tls_key, kMaxPemBytes));
-  }
-  return Connect(endpoint.address, grpc::SslCredentials(tls), std::move(identity));
+  TESSERA_ASSIGN_OR_RETURN(auto certificates,
+                           TlsCertificates::Open({endpoint.tls_cert, endpoint.tls_key, endpoint.tls_ca}));
+  experimental::TlsChannelCredentialsOptions tls;
+  tls.set_certificate_provider(certificates->provider());
+  tls.set_certificate_verifier(std::make_shared<experimental::HostNameCertificateVerifier>());
+  tls.watch_root_certs();
+  if (!endpoint.tls_cert.empty()) tls.watch_identity_key_cert_pairs();
+  return Connect(endpoint.address, experimental::TlsCredentials(tls), std::move(identity), std::move(certificates));
 }
 
 void AllowKeepalive(grpc::ServerBuilder& builder) {

@@ -86,7 +86,8 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address,
                                            std::shared_ptr<CallIdentity> identity = nullptr);
 
 // Like MakeChannel, with the endpoint's TLS settings. INVALID_ARGUMENT if a token would be sent over the network
-// without TLS; errors of reading the files. `identity` is made from the endpoint's token file.
+// without TLS; errors of reading the files. `identity` is made from the endpoint's token file. Certificates are renewed
+// when their files change (TlsCertificates).
 //
 // Of a list, the first address that accepts a connection is used; after a loss, all are tried again in order. Its names
 // are resolved here, once: UNAVAILABLE if one has no address. (gRPC resolves the name of a single address at every

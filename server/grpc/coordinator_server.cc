@@ -6,6 +6,7 @@
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/resource_quota.h>
 #include <grpcpp/security/auth_metadata_processor.h>
+#include <grpcpp/security/tls_credentials_options.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
@@ -18,6 +19,7 @@
 #include "absl/synchronization/mutex.h"
 #include "common/access/secrets.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/tls_certificates.h"
 #include "common/storage/files.h"
 #include "server/grpc/call_observer.h"
 #include "server/grpc/services.h"
@@ -27,7 +29,6 @@ namespace {
 
 // Concurrent calls of one connection; further calls wait in the client. A worker has at most three.
 constexpr int kMaxCallsOfConnection = 256;
-constexpr int64_t kMaxPemBytes = 4 << 20;
 constexpr int kMaxMessageBytes = 4 << 20;  // of received messages; services limit the size of answers themselves
 constexpr size_t kMaxCallMemory = size_t{768} << 20;  // gRPC's memory quota for messages in flight
 constexpr int kThreadsBesideTransfers = 500;          // for short calls
@@ -59,24 +60,24 @@ Status CheckSocketIsFree(const std::string& address) {
   return taken ? absl::UnavailableError("another process listens on " + path) : absl::OkStatus();
 }
 
+// `certificates`: null if the options name none.
 StatusOr<std::shared_ptr<grpc::ServerCredentials>> CredentialsFor(const std::string& address,
-                                                                  const ListenOptions& options, const Access& access) {
+                                                                  const ListenOptions& options,
+                                                                  const TlsCertificates* certificates,
+                                                                  const Access& access) {
   std::shared_ptr<grpc::ServerCredentials> credentials;
   if (IsSocketAddress(address)) {
     TESSERA_RETURN_IF_ERROR(CheckSocketIsFree(address));
     credentials = grpc::experimental::LocalServerCredentials(UDS);
-  } else if (!options.tls_cert.empty()) {
-    grpc::SslServerCredentialsOptions tls(options.tls_ca.empty()
-                                              ? GRPC_SSL_DONT_REQUEST_CLIENT_CERTIFICATE
-                                              : GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY);
-    grpc::SslServerCredentialsOptions::PemKeyCertPair own;
-    TESSERA_ASSIGN_OR_RETURN(own.cert_chain, ReadFile(options.tls_cert, kMaxPemBytes));
-    TESSERA_ASSIGN_OR_RETURN(own.private_key, ReadFile(options.tls_key, kMaxPemBytes));
+  } else if (certificates != nullptr) {
+    grpc::experimental::TlsServerCredentialsOptions tls(certificates->provider());
+    tls.watch_identity_key_cert_pairs();
+    tls.set_cert_request_type(GRPC_SSL_DONT_REQUEST_CLIENT_CERTIFICATE);
     if (!options.tls_ca.empty()) {
-      TESSERA_ASSIGN_OR_RETURN(tls.pem_root_certs, ReadFile(options.tls_ca, kMaxPemBytes));
+      tls.watch_root_certs();
+      tls.set_cert_request_type(GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY);
     }
-    tls.pem_key_cert_pairs.push_back(std::move(own));
-    credentials = grpc::SslServerCredentials(tls);
+    credentials = grpc::experimental::TlsServerCredentials(tls);
   } else if (IsLocalAddress(address)) {
     credentials = grpc::experimental::LocalServerCredentials(LOCAL_TCP);  // refuses callers of other machines
   } else {
@@ -108,6 +109,7 @@ struct CoordinatorServer::Impl {
   }
 
   std::unique_ptr<Access> own_access;
+  std::shared_ptr<TlsCertificates> certificates;  // null: no TLS
   const ServerEnvironment environment;
   ClientLimits limits;
   JobsService jobs;
@@ -186,9 +188,14 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
   quota.Resize(kMaxCallMemory).SetMaxThreads(kThreadsBesideTransfers + environment.limits.all_transfers);
   builder.SetResourceQuota(quota);
   builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
+  if (!options.tls_cert.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(impl->certificates,
+                             TlsCertificates::Open({options.tls_cert, options.tls_key, options.tls_ca}));
+  }
   std::vector<int> ports(options.addresses.size());
   for (size_t i = 0; i < ports.size(); ++i) {
-    TESSERA_ASSIGN_OR_RETURN(const auto credentials, CredentialsFor(options.addresses[i], options, *services.access));
+    TESSERA_ASSIGN_OR_RETURN(const auto credentials,
+                             CredentialsFor(options.addresses[i], options, impl->certificates.get(), *services.access));
     builder.AddListeningPort(options.addresses[i], credentials, &ports[i]);
   }
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // a second coordinator on the port is an error
@@ -205,8 +212,7 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
   for (size_t i = 0; i < ports.size(); ++i) {
     const std::string& address = options.addresses[i];
     if (impl->server == nullptr || ports[i] == 0) {
-      return absl::UnavailableError("cannot listen on " + address +
-                                    (options.tls_cert.empty() ? "" : ", or the certificate does not match its key"));
+      return absl::UnavailableError("cannot listen on " + address);
     }
     impl->addresses.push_back(
         IsSocketAddress(address) ? address : address.substr(0, address.rfind(':') + 1) + std::to_string(ports[i]));

@@ -48,7 +48,7 @@ struct ListenOptions {
   // HOST:PORT (port 0: any free port) or unix:PATH. Callers through a socket need no token.
   std::vector<std::string> addresses;
   // Files, PEM. Certificate and key enable TLS on every HOST:PORT. `tls_ca`: callers need a certificate of this
-  // authority.
+  // authority. Renewed when the files change (TlsCertificates).
   std::string tls_cert, tls_key, tls_ca;
   bool reflection = false;  // serve grpc.reflection to callers that may read jobs
   bool insecure = false;    // allow network addresses without TLS, tokens or both

@@ -167,6 +167,45 @@ TEST_F(AccessTest, JobRunsWithTlsTokensAndRootsWithoutLeakingSecrets) {
   EXPECT_EQ(TesseraAs("anna", {"jobs"}).exit_code, 0);
 }
 
+TEST_F(AccessTest, HealthIsAskedWithTheCertificatesAndTokenOfTheCaller) {
+  const auto coordinator = ServeTls();
+  const Outcome served = TesseraAs("vera", {"health"});
+  EXPECT_EQ(served.exit_code, 0);
+  EXPECT_EQ(served.output, "serving\n");
+  const Outcome nobody = TesseraAs("", {"health"});
+  EXPECT_EQ(nobody.exit_code, 1);
+  EXPECT_THAT(nobody.output, HasSubstr("TESSERA_TOKEN_FILE"));
+  EXPECT_EQ(TesseraAs("vera", {"health", "--timeout-s", "0"}).exit_code, 2);
+  coordinator->Kill();
+  const Outcome killed = TesseraAs("vera", {"health", "--timeout-s", "0.5"});
+  EXPECT_EQ(killed.exit_code, 1);
+  EXPECT_THAT(killed.output, HasSubstr("no coordinator answers"));
+}
+
+// Certificates of another authority, while a worker and a client are connected.
+TEST_F(AccessTest, RenewedCertificatesHoldWithoutRestart) {
+  const auto coordinator = ServeTls();
+  const auto worker = Work("rack");
+  ASSERT_TRUE(WaitUntil([&] { return Holds(worker->Output(), "registered"); })) << worker->Output();
+  ASSERT_EQ(Tessera(folder_.path(), {"access", "server", Path("renewed"), "localhost"}).exit_code, 0);
+  const auto health = [&](const std::string& authority) {
+    return Tessera(folder_.path(), {"health", "--timeout-s", "2", "--coordinator", address_, "--tls-ca",
+                                    Path(authority), "--token-file", Path("keys/vera.token")})
+        .exit_code;
+  };
+  EXPECT_EQ(health("renewed/ca.pem"), 1);
+  for (const char* file : {"ca.pem", "server.pem", "server.key"}) {
+    fs::copy(Path(std::string("renewed/") + file), Path(std::string("keys/") + file),
+             fs::copy_options::overwrite_existing);
+  }
+  EXPECT_TRUE(WaitUntil([&] { return health("renewed/ca.pem") == 0; }));
+  const Outcome submitted = TesseraAs("anna", {"submit", Path("scenes/city"), "--tiles", "2", "--rounds", "1",
+                                               "--levels", "1", "--iterations", "2", "--watch"});
+  EXPECT_EQ(submitted.exit_code, 0) << submitted.output << coordinator->Output() << worker->Output();
+  EXPECT_THAT(coordinator->Output(), HasSubstr("certificate renewed"));
+  EXPECT_THAT(worker->Output(), HasSubstr("certificate renewed"));
+}
+
 // As after a fault of the program, in a folder where the system would leave the core.
 TEST_F(AccessTest, CrashedProcessWritesNoCoreFile) {
   const auto coordinator = ServeTls();
