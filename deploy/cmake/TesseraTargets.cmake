@@ -28,12 +28,13 @@ function(tessera_module NAME)
   target_link_libraries(${target} PUBLIC ${ARG_DEPS} PRIVATE tessera_options ${ARG_PRIVATE_DEPS})
 endfunction()
 
-# tessera_executable(NAME SOURCES main.cc DEPS ...): an installed program in bin/.
+# tessera_executable(NAME COMPONENT package SOURCES main.cc DEPS ...): an installed program in bin/. COMPONENT: the
+# package that contains it (TesseraPackages.cmake).
 function(tessera_executable NAME)
-  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS" ${ARGN})
+  cmake_parse_arguments(ARG "" "COMPONENT" "SOURCES;DEPS" ${ARGN})
   add_executable(${NAME} ${ARG_SOURCES})
   target_link_libraries(${NAME} PRIVATE tessera_options ${ARG_DEPS})
-  install(TARGETS ${NAME} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  install(TARGETS ${NAME} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${ARG_COMPONENT})
 endfunction()
 
 # tessera_test(DIR [DEPS ...] [LABELS ...] [TIMEOUT seconds] [FIXTURE name] [ONE_PROCESS])
@@ -57,6 +58,10 @@ function(tessera_test DIR)
   add_executable(${name} ${sources})
   target_link_libraries(${name} PRIVATE tessera_options ${ARG_DEPS} tessera_test_main GTest::gmock)
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+  # Compiles faster. Tests of numerical code are compiled as the code is.
+  if(DIR MATCHES "^(unit/server/|unit/worker/agent|unit/common/(rpc|s3)|e2e)")
+    target_compile_options(${name} PRIVATE -O1)
+  endif()
   set(properties TIMEOUT ${ARG_TIMEOUT})
   if(ARG_LABELS)  # gtest_discover_tests would take the next property for an empty value
     list(APPEND properties LABELS "${ARG_LABELS}")

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "common/log/log.h"
 #include "server/cli/commands.h"
 
 namespace tessera {
@@ -31,7 +32,7 @@ const std::vector<CommandGroup>& Groups() {
       {"Jobs",
        {AddRunCommand, AddPlanCommand, AddSubmitCommand, AddUpdateCommand, AddJobsCommand, AddWatchCommand,
         AddPriorityCommand, AddPauseCommand, AddResumeCommand, AddRetryCommand, AddCancelCommand, AddDeleteCommand}},
-      {"Cluster", {AddAccessCommand}},
+      {"Cluster", {AddAccessCommand, AddFleetCommand, AddHealthCommand}},
       {"Data", {AddFetchCommand, AddExportCommand, AddLineageCommand, AddRollbackCommand}}};
   return groups;
 }
@@ -56,6 +57,7 @@ int Main(int argc, char** argv) {
       app.get_subcommands({}).back()->group(group.name);
     }
   }
+  SetUpLog("warn", /*json=*/false).IgnoreError();  // standard output is for results
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -17,10 +17,17 @@ namespace tessera {
 
 StatusOr<std::unique_ptr<ChildProcess>> ChildProcess::Start(const std::string& program,
                                                             const std::vector<std::string>& arguments,
-                                                            const std::string& log) {
+                                                            const std::string& log, const std::string& errors) {
   if (::access(program.c_str(), X_OK) != 0) return absl::NotFoundError(program + ": found no executable program");
-  const int log_fd = ::open(log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
+  constexpr int kAppend = O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC;
+  const int log_fd = ::open(log.c_str(), kAppend, 0600);
   if (log_fd < 0) return absl::InternalError("cannot write " + log + ": " + std::strerror(errno));
+  const std::string& errors_file = errors.empty() ? log : errors;
+  const int errors_fd = ::open(errors_file.c_str(), kAppend, 0600);
+  if (errors_fd < 0) {
+    ::close(log_fd);
+    return absl::InternalError("cannot write " + errors_file + ": " + std::strerror(errno));
+  }
   const int null_fd = ::open("/dev/null", O_RDONLY | O_CLOEXEC);
   std::vector<char*> argv = {const_cast<char*>(program.c_str())};
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
@@ -38,12 +45,13 @@ StatusOr<std::unique_ptr<ChildProcess>> ChildProcess::Start(const std::string& p
     ::sigprocmask(SIG_SETMASK, &none, nullptr);
     ::dup2(null_fd, 0);
     ::dup2(log_fd, 1);
-    ::dup2(log_fd, 2);
+    ::dup2(errors_fd, 2);
     ::execv(program.c_str(), argv.data());
     ::_exit(127);
   }
   const int error = errno;
   ::close(log_fd);
+  ::close(errors_fd);
   ::close(null_fd);
   if (pid < 0) return absl::InternalError("cannot start " + program + ": " + std::strerror(error));
   ::setpgid(pid, pid);

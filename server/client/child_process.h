@@ -15,10 +15,11 @@ namespace tessera {
 // that started it ends. Not thread-safe.
 class ChildProcess {
  public:
-  // Appends standard output and errors to `log`. NOT_FOUND if the program does not exist.
+  // Appends standard output to `log`, and errors to `errors`, or to `log` as well if it is empty. NOT_FOUND if the
+  // program does not exist.
   static StatusOr<std::unique_ptr<ChildProcess>> Start(const std::string& program,
                                                        const std::vector<std::string>& arguments,
-                                                       const std::string& log);
+                                                       const std::string& log, const std::string& errors = "");
   // Kills the process group if the child still runs.
   ~ChildProcess();
   ChildProcess(const ChildProcess&) = delete;

@@ -164,6 +164,10 @@ Status Connection::ListWorkers(v1::ListWorkersResponse* workers) {
   return impl_->List(*impl_->workers, &v1::Workers::Stub::ListWorkers, v1::ListWorkersRequest(), workers);
 }
 
+Status Connection::GetDemand(const v1::GetDemandRequest& request, v1::GetDemandResponse* demand) {
+  return impl_->Call(*impl_->workers, &v1::Workers::Stub::GetDemand, request, demand);
+}
+
 bool Connection::FailedForInput(const std::string& job) {
   v1::Job found;
   if (GetJob(job, &found).ok() && found.bad_input()) return true;

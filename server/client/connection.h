@@ -16,6 +16,8 @@ namespace v1 {
 class ChangeJobRequest;
 class CreateJobRequest;
 class ExportJobRequest;
+class GetDemandRequest;
+class GetDemandResponse;
 class Job;
 class ListAttemptsResponse;
 class ListJobsResponse;
@@ -51,6 +53,7 @@ class Connection {
   // All attempts of the tasks of a job.
   Status ListAttempts(const std::string& job, v1::ListAttemptsResponse* attempts);
   Status ListWorkers(v1::ListWorkersResponse* workers);
+  Status GetDemand(const v1::GetDemandRequest& request, v1::GetDemandResponse* demand);
   // Whether the job cannot be planned for its input, or a task failed permanently because its input is wrong; false if
   // this cannot be read.
   bool FailedForInput(const std::string& job);

@@ -1,5 +1,7 @@
 #include "server/client/local_cluster.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 
 #include "common/rpc/channel.h"
@@ -15,6 +17,12 @@ constexpr int kMaxEarlyDeaths = 5;
 constexpr int kLogLines = 15;
 constexpr char kLeaseSeconds[] = "10";  // short: on one machine a silent worker is most likely dead
 
+// The programs that are started are in packages of their own. NOT_FOUND names the one to install.
+Status CheckProgram(const std::string& path, const std::string& package) {
+  if (::access(path.c_str(), X_OK) == 0) return absl::OkStatus();
+  return absl::NotFoundError(path + ": found no executable program; install the Debian package " + package);
+}
+
 }  // namespace
 
 StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Start(const LocalClusterOptions& options, const Clock& clock,
@@ -27,6 +35,8 @@ StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Start(const LocalClusterOp
                                          "; wait for it, or use another --out");
   std::unique_ptr<LocalCluster> cluster(new LocalCluster(options, clock, *std::move(lock)));
   TESSERA_ASSIGN_OR_RETURN(cluster->program_folder_, ProgramFolder());
+  TESSERA_RETURN_IF_ERROR(CheckProgram(cluster->program_folder_ + "/tesserad", "tessera-coordinator"));
+  TESSERA_RETURN_IF_ERROR(CheckProgram(cluster->program_folder_ + "/tessera-worker", "tessera-worker"));
   TESSERA_RETURN_IF_ERROR(cluster->StartCoordinator(wait));
   cluster->workers_.resize(options.workers);
   for (int i = 0; i < options.workers; ++i) TESSERA_RETURN_IF_ERROR(cluster->StartWorker(i));

@@ -102,6 +102,19 @@ TEST_F(DrainTest, DrainingWorkerFinishesItsTask) {
   for (const v1::Task& task : cluster.Tasks(job.name())) EXPECT_NE(task.state(), v1::TASK_STATE_LEASED);
 }
 
+// Slurm signals all processes of a job, and the job's script passes the signal on.
+TEST_F(DrainTest, RepeatedSignalDoesNotStopADrainingWorker) {
+  Cluster cluster(folder_.path());
+  cluster.Submit(ToyCity(), 4);
+  Program& worker = cluster.AddWorker({"--drain-s", "600"});
+  const auto told = [&](const std::string& what) { return worker.Output().find(what) != std::string::npos; };
+  ASSERT_TRUE(WaitUntil([&] { return told(" info started "); }));
+  worker.Signal(SIGTERM);
+  ASSERT_TRUE(WaitUntil([&] { return told("draining"); }));
+  worker.Signal(SIGTERM);
+  EXPECT_EQ(worker.Wait().exit_code, 0) << worker.Output();
+}
+
 // Every state is sent once, including the final one, although the coordinator was killed and restarted.
 TEST_F(DrainTest, WatchResumesAfterCoordinatorRestart) {
   Cluster cluster(folder_.path());

@@ -80,7 +80,7 @@ std::string HelpOf(const std::string& program, std::vector<std::string> argument
 TEST(HelpTest, EveryCommandIsImperativeWithAnExample) {
   const std::string help = HelpOf(TESSERA_PROGRAM, {});
   const auto commands = Listed(help, {"Scene:", "Jobs:", "Cluster:", "Data:"});
-  EXPECT_EQ(commands.size(), 24u);
+  EXPECT_EQ(commands.size(), 26u);
   for (const auto& [name, line] : commands) {
     ExpectImperative(line);
     const std::string of_command = HelpOf(TESSERA_PROGRAM, {name});

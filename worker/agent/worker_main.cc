@@ -6,7 +6,10 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <atomic>
+#include <cerrno>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -129,20 +132,36 @@ int Fail(const tessera::Status& status) {
   return 1;
 }
 
+// The next signal; -1 if there is none within `seconds`. Signals up to two seconds after `first` repeat it: Slurm
+// signals all processes of a job, and the job's script passes the signal on.
+int NextSignal(const sigset_t& signals, std::chrono::steady_clock::time_point first, double seconds,
+               const std::atomic<bool>& ended) {
+  using std::chrono::steady_clock;
+  const auto end = steady_clock::now() + std::chrono::duration<double>(seconds);
+  while (true) {
+    const double left_s = std::max(0.0, std::chrono::duration<double>(end - steady_clock::now()).count());
+    const auto whole_s = static_cast<time_t>(left_s);
+    const timespec wait = {whole_s, static_cast<long>((left_s - static_cast<double>(whole_s)) * 1e9)};
+    const int signal = sigtimedwait(&signals, nullptr, &wait);
+    if (signal < 0 && errno == EINTR) continue;
+    if (signal < 0 || ended || steady_clock::now() - first > std::chrono::seconds(2)) return signal;
+  }
+}
+
 // First signal: drain, and abort the current task after `drain_s`. Second signal: exit at once. Returns at the next
 // signal once `ended` is set.
 void HandleSignals(const sigset_t& signals, double drain_s, tessera::Agent& agent, const std::atomic<bool>& ended) {
+  constexpr double kNoLimit_s = 1e9;
   int signal = 0;
   sigwait(&signals, &signal);
   if (ended) return;
+  const auto first = std::chrono::steady_clock::now();
   tessera::LogInfo("draining", {{"signal", std::to_string(signal)}, {"seconds", std::to_string(drain_s)}});
   agent.StopLeasing();
-  const auto whole_s = static_cast<time_t>(drain_s);
-  const timespec grace = {whole_s, static_cast<long>((drain_s - static_cast<double>(whole_s)) * 1e9)};
-  signal = sigtimedwait(&signals, nullptr, &grace);
+  signal = NextSignal(signals, first, drain_s, ended);
   if (signal < 0) {
     agent.Drain();
-    sigwait(&signals, &signal);
+    signal = NextSignal(signals, first, kNoLimit_s, ended);
   }
   if (!ended) _exit(128 + signal);
 }
