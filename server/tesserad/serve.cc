@@ -19,6 +19,7 @@
 #include "server/retention/retention_loop.h"
 #include "server/store/state_store.h"
 #include "server/tesserad/logging.h"
+#include "server/tesserad/notify.h"
 #include "server/tesserad/standby.h"
 
 namespace tessera {
@@ -210,6 +211,7 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
                                   {"data", places.data},
                                   {"state", store.Location()},
                                   {"start", absl::StrCat(store.StartCount())}});
+  NotifyReady();
   {
     const RetentionLoop retention(coordinator->core(), blobs, &clock, keeping);
     TickUntil(stop_signals, std::clamp(options.lease_s / 4, 0.05, 1.0), *coordinator, *server, *access);

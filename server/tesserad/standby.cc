@@ -15,6 +15,7 @@
 #include "common/storage/blob_store.h"
 #include "server/ledger/record_owner.h"
 #include "server/store/state_store.h"
+#include "server/tesserad/notify.h"
 
 namespace tessera {
 namespace {
@@ -80,6 +81,7 @@ StatusOr<std::unique_ptr<StateStore>> AwaitState(const std::string& url, const S
       checked = unfit.ok();
       if (checked) {
         LogInfo("coordinator stands by", {{"active", holder}, {"renewed_before_s", absl::StrCat(renewed_before_s)}});
+        NotifyReady();
       } else if (!absl::IsInvalidArgument(unfit)) {
         LogWarning("standby cannot be checked; retrying", {{"reason", std::string(unfit.message())}});
       }

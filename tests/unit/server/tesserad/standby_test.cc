@@ -19,6 +19,7 @@
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
 #include "server/store/state_store.h"
+#include "tests/support/notify_socket.h"
 #include "tests/support/servers/test_server.h"
 
 namespace tessera {
@@ -133,11 +134,14 @@ class SharedStateTest : public StandbyTest {
   const std::unique_ptr<FolderBlobs> blobs_ = Blobs("blobs"), other_ = Blobs("other");
 };
 
-TEST_F(SharedStateTest, StandbyWaitsUntilItIsStopped) {
+TEST_F(SharedStateTest, StandbyIsReadyAndWaitsUntilItIsStopped) {
+  const NotifySocket manager(folder_.path());
   const auto store = StandBy({blobs_.get(), {"/srv"}}, 2);
   ASSERT_TRUE(store.ok()) << store.status();
   EXPECT_EQ(*store, nullptr);
   EXPECT_GT(active_->HeldFor_s(), 0);
+  EXPECT_EQ(manager.Received(), "READY=1");
+  EXPECT_EQ(manager.Received(), "") << "told once";
 }
 
 TEST_F(SharedStateTest, StandbyTakesOverWhatIsReleased) {
