@@ -59,11 +59,11 @@ class FlatPlanner : public Planner {
   const int count_;
 };
 
-// Leases and reports tasks until `left` is used up. Calls go on from their answers.
+// Leases and reports tasks until `left` is used up. Calls go on from their answers. `ingested`: the first task is done.
 class Filler {
  public:
-  Filler(Coordinator& coordinator, const Digest& output, std::atomic<int>& left, std::latch& done)
-      : coordinator_(coordinator), output_(output), left_(left), done_(done) {
+  Filler(Coordinator& coordinator, const Digest& output, std::atomic<int>& left, std::latch& ingested, std::latch& done)
+      : coordinator_(coordinator), output_(output), left_(left), ingested_(ingested), done_(done) {
     worker_ = coordinator.leases().RegisterWorker({"host", 1, 1, int64_t{1} << 34, 0, "host/boot"}).value();
   }
   void Lease() {
@@ -84,11 +84,12 @@ class Filler {
     result.stats.resize(298, 'x');
     result.stats += "\"}";
     coordinator_.leases().HandleSuccess(worker_, lease.task, lease.attempt, result).IgnoreError();
-    if (ingest) coordinator_.planning().Advance().IgnoreError();
+    if (ingest) ingested_.count_down();
   }
   Coordinator& coordinator_;
   const Digest output_;
   std::atomic<int>& left_;
+  std::latch& ingested_;
   std::latch& done_;
   std::string worker_;
   int64_t call_ = 0;
@@ -107,15 +108,19 @@ Status Fill(const std::string& state, const std::string& blob_folder, int tasks)
   TESSERA_ASSIGN_OR_RETURN(const JobStatus status, coordinator->jobs().CreateJob(job));
   const double start_s = Seconds();
   std::atomic<int> left = 1 + tasks / 2;
-  std::latch done(kFillers);
+  std::latch ingested(1), done(kFillers);
   std::vector<std::unique_ptr<Filler>> fillers;
-  for (int i = 0; i < kFillers; ++i) fillers.push_back(std::make_unique<Filler>(*coordinator, output, left, done));
+  for (int i = 0; i < kFillers; ++i)
+    fillers.push_back(std::make_unique<Filler>(*coordinator, output, left, ingested, done));
   for (const auto& filler : fillers) filler->Lease();
+  ingested.wait();
+  TESSERA_RETURN_IF_ERROR(coordinator->planning().Advance());  // waits for the journal, so not in a call's answer
   done.wait();
   TESSERA_RETURN_IF_ERROR(coordinator->core().Durable());
   TESSERA_ASSIGN_OR_RETURN(const JobStatus filled, coordinator->jobs().GetJob(status.header.name));
   std::printf("state: %d tasks, %d done; filled in %.1f s\n", filled.tasks_total, filled.tasks_done,
               Seconds() - start_s);
+  std::fflush(stdout);
   return absl::OkStatus();
 }
 
