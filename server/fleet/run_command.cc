@@ -42,9 +42,9 @@ StatusOr<std::string> RunCommand(const std::vector<std::string>& words, const Co
     return stamp.ok() ? stamp->size_bytes : 0;
   };
   const auto end = steady_clock::now() + std::chrono::duration<double>(limits.seconds);
-  while (child->Running()) {  // a command that is still running at the return is killed
-    if (steady_clock::now() > end) {
-      return absl::DeadlineExceededError(absl::StrCat(words[0], " did not end within ", limits.seconds, " s"));
+  while (child->Running()) {          // a command that is still running at the return is killed
+    if (steady_clock::now() > end) {  // not DEADLINE_EXCEEDED, which means that no coordinator answers
+      return absl::AbortedError(absl::StrCat(words[0], " did not end within ", limits.seconds, " s"));
     }
     if (limits.stop()) return absl::CancelledError(absl::StrCat(words[0], " was interrupted"));
     if (size() > limits.bytes) break;

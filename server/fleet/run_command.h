@@ -17,7 +17,7 @@ struct CommandLimits {
 
 // Runs the program `words[0]`, looked up in PATH, without a shell, and returns what it writes to standard output.
 // Errors name the command and have the last lines of its standard error: NOT_FOUND (no such program),
-// DEADLINE_EXCEEDED, RESOURCE_EXHAUSTED, CANCELLED (killed at a limit or by `stop`), FAILED_PRECONDITION (it ended with
+// ABORTED (time limit), RESOURCE_EXHAUSTED, CANCELLED (by `stop`), FAILED_PRECONDITION (it ended with
 // another exit code than 0).
 StatusOr<std::string> RunCommand(const std::vector<std::string>& words, const CommandLimits& limits);
 
