@@ -29,7 +29,7 @@ StatusOr<CoordinatorView> CoordinatorLink::AskConnected() {
     v1::WorkerClass& asked = *request.add_classes();
     asked.set_memory_bytes(WorkerMemory_mib(pilots) << 20);
     asked.set_cores(pilots.cores);
-    asked.set_time_limit_s(pilots.time_limit_s);
+    asked.set_time_limit_s(WorkerTime_s(pilots));
   }
   v1::GetDemandResponse demand;
   TESSERA_RETURN_IF_ERROR(connection_->GetDemand(request, &demand));

@@ -242,6 +242,8 @@ void ReadClasses(const Json& value, FieldReader* in, const std::string& file, Fa
             [](const PilotClass& a, const PilotClass& b) { return a.memory_mib < b.memory_mib; });
 }
 
+int64_t WholeMinutes(const PilotClass& pilots) { return static_cast<int64_t>(pilots.time_limit_s / 60); }
+
 Words Filled(const Words& words, const std::map<std::string, std::string>& values,
              const std::map<std::string, Words>& lists) {
   Words filled;
@@ -271,6 +273,11 @@ Words Filled(const Words& words, const std::map<std::string, std::string>& value
 
 int64_t WorkerMemory_mib(const PilotClass& pilots) {
   return pilots.memory_mib - std::max<int64_t>(64, pilots.memory_mib / 20);
+}
+
+double WorkerTime_s(const PilotClass& pilots) {
+  const double limit_s = 60.0 * static_cast<double>(WholeMinutes(pilots));
+  return limit_s - std::min(60.0, limit_s / 10);
 }
 
 StatusOr<FleetFile> ParseFleetFile(const std::string& path, const std::string& text) {
@@ -318,7 +325,7 @@ Words SubmitWords(const FleetFile& fleet, const PilotClass& pilots, int count) {
                  {"count", absl::StrCat(count)},
                  {"memory_mib", absl::StrCat(pilots.memory_mib)},
                  {"cores", absl::StrCat(pilots.cores)},
-                 {"time_limit_min", absl::StrCat(static_cast<int64_t>(pilots.time_limit_s / 60))},
+                 {"time_limit_min", absl::StrCat(WholeMinutes(pilots))},
                  {"logs", fleet.logs},
                  {"pilot", fleet.pilot}},
                 {{"options", std::move(options)}, {"worker", fleet.worker}});

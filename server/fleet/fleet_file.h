@@ -22,6 +22,9 @@ struct PilotClass {
 // The memory that the pilot gives to its worker: that of the job less 5 %, at least 64 MiB, for the pilot itself and
 // for what predictions miss. deploy/slurm/pilot computes the same.
 int64_t WorkerMemory_mib(const PilotClass& pilots);
+// The time that the pilot's worker surely has: the limit in whole minutes, as the scheduler takes it, less a tenth of
+// it, at most a minute, in which the worker starts. A task that needs more would be wanted, but no pilot would get it.
+double WorkerTime_s(const PilotClass& pilots);
 
 // Commands of a scheduler as lists of words; the first is the program. A word may contain placeholders such as {count}.
 struct SchedulerCommands {

@@ -77,8 +77,9 @@ struct LargestWorker {
   int64_t since_us = 0;
 };
 
-// A worker whose time ends too early for a task, like those of all others, waits this long for one that has more.
-inline constexpr double kLongerWorkerWait_s = 60;
+// A worker whose time ends too early for a task, like those of all others, waits this long for one that has more. Less
+// than the 60 s after which an idle pilot of deploy/slurm ends.
+inline constexpr double kLongerWorkerWait_s = 30;
 
 // Time until the worker's allocation ends; infinity: no limit.
 double TimeLeft_s(const WorkerState& worker, int64_t now_us);

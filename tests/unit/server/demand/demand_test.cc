@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <deque>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -95,6 +97,34 @@ TEST_F(DemandTest, PausedJobsWantNone) {
   ASSERT_TRUE(coordinator_->jobs().ChangeJob(job, {{}, false}).ok());
   EXPECT_THAT(Workers(Now()), ElementsAre(4, 4));
   ASSERT_TRUE(coordinator_->jobs().CancelJob(job).ok());
+  EXPECT_THAT(Workers(Now()), ElementsAre(0, 0));
+}
+
+TEST_F(DemandTest, HeldJobsWantNone) {
+  CutJob(4);
+  DispatchCore& core = coordinator_->core();
+  {
+    std::lock_guard lock(core.mutex());
+    core.ledger().ready().Hold(0);
+  }
+  EXPECT_THAT(Workers(Now()), ElementsAre(0, 0));
+}
+
+// Its tasks no longer count, and take no memory.
+TEST_F(DemandTest, EndedJobWantsAWorkerOnlyForALostResult) {
+  const std::string job = CutJob(2), worker = AnyWorker();
+  EXPECT_EQ(WorkAll(worker), 3);
+  ASSERT_EQ(Job(job).header.state, JobState::kSucceeded);
+  EXPECT_THAT(Workers(Now()), ElementsAre(0, 0));
+  EXPECT_TRUE(coordinator_->core().ledger().jobs()[0].totals.work().empty());
+  const std::vector<NamedDigest> artifacts = Job(job).header.artifacts;
+  const auto mesh = std::find_if(artifacts.begin(), artifacts.end(),
+                                 [](const NamedDigest& artifact) { return artifact.name == "mesh.ply"; });
+  ASSERT_NE(mesh, artifacts.end());
+  std::filesystem::remove(*blobs_->LocalPath(mesh->digest));
+  ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh->digest).ok());
+  EXPECT_THAT(Workers(Now()), ElementsAre(1, 0)) << "to publish again";
+  EXPECT_EQ(WorkAll(worker), 1);
   EXPECT_THAT(Workers(Now()), ElementsAre(0, 0));
 }
 

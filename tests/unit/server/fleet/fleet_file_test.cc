@@ -150,5 +150,14 @@ TEST(FleetFileTest, WorkerGetsTheMemoryLessAMargin) {
   EXPECT_EQ(WorkerMemory_mib(pilots), 15565);
 }
 
+// Never more than a pilot has left when its worker registers.
+TEST(FleetFileTest, WorkersLackTheTimeOfTheirStart) {
+  PilotClass pilots;
+  pilots.time_limit_s = 119;  // Slurm gets one minute
+  EXPECT_EQ(WorkerTime_s(pilots), 54);
+  pilots.time_limit_s = 3600;
+  EXPECT_EQ(WorkerTime_s(pilots), 3540);
+}
+
 }  // namespace
 }  // namespace tessera

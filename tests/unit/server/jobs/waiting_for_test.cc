@@ -150,9 +150,9 @@ TEST_F(TimeLimitTest, WhatFitsNobodyGoesToTheLongestAndIsTold) {
   EXPECT_EQ(
       Job("jobs/1").waiting_for,
       "no worker has the time for 'refine tile 1', which takes about 10 min and must end 30 s before the worker's "
-      "time limit: the longest has 4 min left, and gets it after 60 s without another task unless one with more "
+      "time limit: the longest has 4 min left, and gets it after 30 s without another task unless one with more "
       "time registers");
-  clock_.Advance(59);
+  clock_.Advance(29);
   EXPECT_FALSE(Lease(longer));
   clock_.Advance(2);
   EXPECT_FALSE(Lease(shorter)) << "another worker has more time left";
