@@ -39,6 +39,7 @@ enum class TaskPhase : uint8_t {
 
 struct TaskKind {
   std::string_view name;
+  std::string_view doing = {};  // for people: what the job does while such tasks run
   TaskPhase phase = TaskPhase::kRest;
   bool runs = true;              // false: the planner gives the outputs; no worker runs it
   bool can_quarantine = false;   // if it fails for good, its tile is quarantined and the job continues
@@ -47,41 +48,41 @@ struct TaskKind {
 
 inline constexpr std::array<TaskKind, 18> kTaskKinds = {{
     // Some images, with their masks and likelihoods: hashes, border counts, faults.
-    {kInspectKind, TaskPhase::kSurvey},
+    {kInspectKind, "inspecting the images", TaskPhase::kSurvey},
     // Scene: repaired and split mesh, survey.
-    {kIngestKind, TaskPhase::kSurvey},
+    {kIngestKind, "reading the scene", TaskPhase::kSurvey},
     // Survey of the base job and a new scene: the survey with the new views.
-    {kUpdateKind, TaskPhase::kSurvey},
+    {kUpdateKind, "reading the new flight", TaskPhase::kSurvey},
     // Outputs of the base job.
     {.name = kBaseKind, .runs = false},
     // What an update will do (kUpdateFile).
     {.name = kPlanKind, .runs = false, .makes_artifacts = true},
     // A view: photograph and classifier: likelihoods.
-    {kClassifyKind},
+    {kClassifyKind, "classifying the images"},
     // Likelihoods of all views: how reliable their class borders are.
-    {kBordersKind},
+    {kBordersKind, "measuring class borders"},
     // City and survey: the tile's package.
-    {.name = kCutKind, .phase = TaskPhase::kCut, .can_quarantine = true},
+    {.name = kCutKind, .doing = "cutting the tiles", .phase = TaskPhase::kCut, .can_quarantine = true},
     // Package and photographs: the pixels that show the tile.
-    {.name = kCropKind, .can_quarantine = true},
+    {.name = kCropKind, .doing = "cropping the images", .can_quarantine = true},
     // City and survey: the core of a quarantined tile, unrefined.
-    {kStartKind},
+    {kStartKind, "writing the start of quarantined tiles"},
     // Gradients and label evidence of one step.
-    {.name = kMeasureKind, .can_quarantine = true},
+    {.name = kMeasureKind, .doing = "measuring", .can_quarantine = true},
     // State of the core after one step.
-    {.name = kSolveKind, .can_quarantine = true},
+    {.name = kSolveKind, .doing = "solving", .can_quarantine = true},
     // State of the core after the repair of folds.
-    {.name = kMendKind, .can_quarantine = true},
+    {.name = kMendKind, .doing = "repairing", .can_quarantine = true},
     // All steps of a job's only tile.
-    {kRefineKind},
+    {kRefineKind, "refining"},
     // New photographs and the base's surface: change evidence of a block of ground.
-    {kCompareKind},
+    {kCompareKind, "comparing with the earlier surface"},
     // Evidence of all blocks: changes.json, changes.geojson, changes.png.
-    {.name = kChangesKind, .makes_artifacts = true},
+    {.name = kChangesKind, .doing = "reporting changes", .makes_artifacts = true},
     // Final states of all tiles: mesh.ply, report.json.
-    {.name = kPublishKind, .makes_artifacts = true},
+    {.name = kPublishKind, .doing = "publishing", .makes_artifacts = true},
     // One stage of an export (common/exporting/export_parameters.h); outputs in kExportFolder are the job's results.
-    {.name = kExportKind, .makes_artifacts = true},
+    {.name = kExportKind, .doing = "exporting", .makes_artifacts = true},
 }};
 
 // Counters have one more entry than kTaskKinds, for kinds of other releases.

@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "server/client/job_text.h"
 #include "server/display/svg_map.h"
+#include "server/tiling/ground_map.h"
 
 namespace tessera {
 namespace {
@@ -136,7 +137,6 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
 }
 
 std::string PlanMap(const Quote& quote, const Survey& survey) {
-  const double cell_m = survey.ground.cell_m;
   double least = 1e300, most = 0;
   for (const TileQuote& tile : quote.tiles) {
     least = std::min(least, tile.Total().core_seconds);
@@ -146,18 +146,17 @@ std::string PlanMap(const Quote& quote, const Survey& survey) {
   for (const TileQuote& tile : quote.tiles) {
     // From pale to dark red.
     const double t = most > least ? (tile.Total().core_seconds - least) / (most - least) : 0;
-    const CellRect& c = tile.core;
+    const GroundRect core = RectOnGround(tile.core, survey.ground);
     map.tiles.push_back(
-        {c.x0 * cell_m, c.y0 * cell_m, c.x1 * cell_m, c.y1 * cell_m,
+        {core.x0_m, core.y0_m, core.x1_m, core.y1_m,
          absl::StrFormat("rgb(%d,%d,%d)", static_cast<int>(255 - 102 * t), static_cast<int>(240 - 220 * t),
                          static_cast<int>(217 - 200 * t)),
          absl::StrFormat("tile %d: %s faces, %d cameras, %.0f MiB, %.0f core-seconds", tile.tile,
                          RoundedThousands(tile.work.core_faces), tile.work.seeing_views,
                          static_cast<double>(tile.Total().peak_bytes) / kMiB, tile.Total().core_seconds)});
   }
-  for (const SceneView& view : survey.views) {
-    const Eigen::Vector2d at = survey.ground.Coordinates(view.camera.Centre());
-    map.cameras.push_back({at.x(), at.y(), "fill=\"#06c\""});
+  for (const MapView& view : MakeGroundMap(survey, {}).views) {
+    map.cameras.push_back({view.on_ground.x(), view.on_ground.y(), "fill=\"#06c\""});
   }
   map.caption =
       absl::StrFormat("%d tiles of %.0f (pale) to %.0f (dark) core-seconds; dots: %d cameras",

@@ -63,7 +63,14 @@ void ToProto(const JobStatus& status, v1::Job* proto) {
   proto->set_tiles_done(status.tiles_done);
   proto->set_progress(status.progress);
   proto->set_eta_s(status.eta_s);
-  AddFiles(header.artifacts, proto->mutable_artifacts());
+  proto->set_eta_low_s(status.eta_low_s);
+  proto->set_eta_high_s(status.eta_high_s);
+  proto->set_core_seconds(status.core_seconds);
+  proto->set_predicted_core_seconds(status.predicted_core_seconds);
+  proto->set_stage(status.stage);
+  proto->set_owner(header.client);
+  AddFiles(status.artifacts, proto->mutable_artifacts());
+  proto->set_artifacts_total(status.artifacts_total);
   for (const std::string& warning : header.warnings) {
     if (proto->warnings_size() < kMaxWarnings) proto->add_warnings(warning);
   }

@@ -74,6 +74,8 @@ v1::WatchJobResponse MessageOf(const WatchedJob& watched) {
 // Ignores estimates and durations, which change with time alone.
 std::string EtagOf(v1::WatchJobResponse message) {
   message.mutable_job()->clear_eta_s();
+  message.mutable_job()->clear_eta_low_s();
+  message.mutable_job()->clear_eta_high_s();
   std::erase_if(*message.mutable_job()->mutable_waiting_for(), [](char c) { return c >= '0' && c <= '9'; });
   char hex[17];
   std::snprintf(hex, sizeof(hex), "%016llx", static_cast<unsigned long long>(Xxh3(message.SerializeAsString())));

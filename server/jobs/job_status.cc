@@ -1,15 +1,33 @@
 #include "server/jobs/job_status.h"
 
 #include <algorithm>
+#include <optional>
 #include <tuple>
 
+#include "absl/strings/str_cat.h"
+#include "common/job/task_parameters.h"
 #include "server/jobs/tile_quarantine.h"
+#include "server/tiling/cost_model.h"
 
 namespace tessera {
 namespace {
 
 // Shares of the progress for reading and cutting the scene. The other costs are unknown until each has ended.
 constexpr double kIngestShare = 0.02, kCutShare = 0.03;
+
+// The leased task of the first stage, else the ready task that is leased next.
+std::optional<TaskRef> FrontTask(const Ledger& ledger, int job, const LeaseTable& leases) {
+  const std::vector<TaskRef> running = leases.OfJob(job);
+  const auto first = std::min_element(running.begin(), running.end(), [&](TaskRef a, TaskRef b) {
+    return std::tuple(ledger.task(a).depth, a.task) < std::tuple(ledger.task(b).depth, b.task);
+  });
+  return first != running.end() ? *first : ledger.ready().FirstOfJob(job);
+}
+
+const char* UnitOf(const PlannedTask& plan) {
+  if (plan.tile >= 0) return "tiles";
+  return plan.kind == kClassifyKind ? "images" : "parts";
+}
 
 }  // namespace
 
@@ -20,9 +38,32 @@ AttemptOutcome OutcomeOf(const Attempt& attempt) {
   return attempt.end_us > 0 ? AttemptOutcome::kSucceeded : AttemptOutcome::kRunning;
 }
 
+std::string StageText(const Ledger& ledger, int index, const LeaseTable& leases) {
+  const Job& job = ledger.jobs()[index];
+  if (HasEnded(job.header.state)) return "";
+  const std::optional<TaskRef> front = FrontTask(ledger, index, leases);
+  if (!front) return "";
+  const JobTask& task = ledger.task(*front);
+  std::string text(KindOf(task.plan.kind.str()).doing);
+  if (text.empty()) text = task.plan.name;
+  if (const auto step = ParseStepParameters(task.plan.parameters); step.ok()) {
+    const size_t steps = StepsOf(job.header.settings).size();
+    if (task.plan.kind == kMendKind) text += step->before ? " before" : " after";
+    absl::StrAppend(&text, " step ", step->step, " of ", std::max<size_t>(steps, 1) - 1);
+  }
+  const StageCount count = job.totals.StageOf(task);
+  if (count.planned > 1) return absl::StrCat(text, ", ", count.done, " of ", count.planned, " ", UnitOf(task.plan));
+  const LeaseState* const lease = leases.Find(*front);
+  return lease != nullptr && !lease->stage.empty() ? absl::StrCat(text, ": ", lease->stage) : text;
+}
+
 JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us) {
   JobStatus status;
   status.header = job.header;
+  status.artifacts_total = static_cast<int>(job.artifacts.size());
+  status.artifacts.assign(job.artifacts.begin(),
+                          job.artifacts.begin() + static_cast<std::ptrdiff_t>(
+                                                      std::min(job.artifacts.size(), kMaxShownArtifacts)));
   for (const int index : job.totals.warned()) {
     for (const std::string& warning : *job.tasks[index].warnings) {  // ingest repeats those of the submission
       const Warnings& known = job.header.warnings;
@@ -42,16 +83,20 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   status.tasks_done = sums.tasks_done;
   status.tiles_total = sums.tiles;
   status.tiles_done = job.planned_to_end ? sums.tiles - sums.unfinished_tiles : 0;
+  status.core_seconds = sums.core_seconds;
+  status.predicted_core_seconds = sums.ingest.total + sums.cut.total + sums.rest.total;
   const auto& [ingest, cut, rest] = std::tie(sums.ingest, sums.cut, sums.rest);
   const double cut_share = cut.total > 0 ? kCutShare : 0;
   status.progress =
       kIngestShare * ingest.share() + cut_share * cut.share() + (1 - kIngestShare - cut_share) * rest.share();
   if (job.header.state == JobState::kSucceeded || job.header.state == JobState::kPartial) status.progress = 1;
   if (HasEnded(job.header.state)) {
-    status.eta_s = 0;
+    status.eta_s = status.eta_low_s = status.eta_high_s = 0;
   } else if (rest.total > 0 && sums.timed_cost > 0) {
     status.eta_s = (cut.total - cut.done + rest.total - rest.done) * sums.timed_s / sums.timed_cost /
                    static_cast<double>(std::max(size_t{1}, running.size()));
+    status.eta_low_s = status.eta_s * kRefineSecondsInterval.low;
+    status.eta_high_s = status.eta_s * kRefineSecondsInterval.high;
   }
   return status;
 }
@@ -62,7 +107,8 @@ void TakeEndFrom(JobStatus& status) {
   status.header.end_us = 0;
   status.header.error.clear();
   status.header.bad_input = false;
-  status.header.artifacts.clear();
+  status.artifacts.clear();
+  status.artifacts_total = 0;
   status.waiting_for = "the end of the job is not stored yet";
 }
 

@@ -36,6 +36,7 @@ Status CheckSameRequest(const JobRequest& request, const JobHeader& job) {
 JobStatus Jobs::JobStatusLocked(int job) const {
   const int64_t now_us = environment_.clock->MonotonicUs();
   JobStatus status = StatusOfJob(ledger_.jobs()[job], job, leases_, now_us);
+  status.stage = StageText(ledger_, job, leases_);
   status.waiting_for = WaitingFor(ledger_, job, leases_, core_.journal().trouble(), planning_.room(), now_us);
   // A failed attempt loses its progress, but the displayed progress must not decrease.
   if (shown_progress_.size() < ledger_.jobs().size()) shown_progress_.resize(ledger_.jobs().size());

@@ -53,6 +53,9 @@ class Jobs {
   StatusOr<std::vector<TaskStatus>> ListTasks(const std::string& job, int first, int count) const;
   // At most `count` attempts from attempt `number` of task `first`. A page may be short or empty if tasks have none.
   StatusOr<AttemptPage> ListAttempts(const std::string& job, int first, int number, int count) const;
+  // At most `count` published files whose names start with `prefix`, in the order of publication from index `first`. A
+  // page may be short or empty although another one follows.
+  StatusOr<ArtifactPage> ListArtifacts(const std::string& job, const std::string& prefix, int first, int count) const;
   StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
 
   // Blob authorization: users may read the artifacts and surveys of jobs.

@@ -196,7 +196,7 @@ StatusOr<std::string> Recovery::ReadSurveyOf(const UpdateBase& base) {
 Status Recovery::RemakeArtifact(const Digest& digest) {
   const auto published = [&digest](const Job& job) {
     return (job.header.state == JobState::kSucceeded || job.header.state == JobState::kPartial) &&
-           std::any_of(job.header.artifacts.begin(), job.header.artifacts.end(),
+           std::any_of(job.artifacts.begin(), job.artifacts.end(),
                        [&](const NamedDigest& file) { return file.digest == digest; });
   };
   int job = -1;
@@ -261,7 +261,7 @@ Status Recovery::RestoreReport(int index, const Digest& digest) {
     std::lock_guard lock(mutex_);
     const Job& job = ledger_.jobs()[index];
     const NamedDigest report = {kJobFile, digest};
-    const auto& artifacts = job.header.artifacts;
+    const auto& artifacts = job.artifacts;
     if (std::find(artifacts.begin(), artifacts.end(), report) == artifacts.end()) {
       return absl::NotFoundError("not the report of " + job.header.name);
     }

@@ -6,7 +6,7 @@
 namespace tessera {
 namespace {
 
-constexpr int kMaxTasksSeen = 10'000;  // tasks visited per hold of the mutex
+constexpr int kMaxTasksSeen = 10'000;  // tasks or files visited per hold of the mutex
 
 bool IsAmong(const std::vector<NamedDigest>& files, const Digest& digest) {
   return std::any_of(files.begin(), files.end(), [&](const NamedDigest& file) { return file.digest == digest; });
@@ -111,10 +111,29 @@ StatusOr<AttemptPage> Jobs::ListAttempts(const std::string& name, int first, int
   return page;
 }
 
+StatusOr<ArtifactPage> Jobs::ListArtifacts(const std::string& name, const std::string& prefix, int first,
+                                           int count) const {
+  ArtifactPage page;
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+    const std::vector<NamedDigest>& all = ledger_.jobs()[job].artifacts;
+    const int end = static_cast<int>(all.size());
+    int i = std::max(0, first);
+    const auto limit = static_cast<int>(std::min<int64_t>(end, int64_t{i} + kMaxTasksSeen));
+    for (; i < limit && static_cast<int>(page.artifacts.size()) < count; ++i) {
+      if (all[i].name.starts_with(prefix)) page.artifacts.push_back(all[i]);
+    }
+    if (i < end) page.next = i;
+  }
+  TESSERA_RETURN_IF_ERROR(core_.Durable());  // an end is shown only when durable
+  return page;
+}
+
 bool Jobs::IsPublished(const Digest& digest) const {
   std::lock_guard lock(mutex_);
   return std::any_of(ledger_.jobs().rbegin(), ledger_.jobs().rend(),
-                     [&](const Job& job) { return IsAmong(job.header.artifacts, digest) || MadeSurvey(job, digest); });
+                     [&](const Job& job) { return IsAmong(job.artifacts, digest) || MadeSurvey(job, digest); });
 }
 
 std::vector<std::string> Jobs::SceneFilesWith(const Digest& digest) const {

@@ -18,7 +18,7 @@ uint64_t BlobReferences::IdOf(const std::string& sha256) {
 }
 
 void BlobReferences::AddJob(const Job& job) {
-  for (const NamedDigest& artifact : job.header.artifacts) needed_.insert(IdOf(artifact.digest.sha256));
+  for (const NamedDigest& artifact : job.artifacts) needed_.insert(IdOf(artifact.digest.sha256));
   for (const NamedDigest& file : job.scene_files) {
     if (file.name == kClassifierFile) needed_.insert(IdOf(file.digest.sha256));
   }

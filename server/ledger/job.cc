@@ -24,6 +24,8 @@ PhaseWork& PhaseOf(const JobTask& task, WorkByPhase& work) {
   return work[{task.depth, MemoryStep(task.plan.peak_bytes)}];
 }
 
+std::pair<int, int> StageKey(const JobTask& task) { return {task.depth, KindIndex(task.plan.kind.str())}; }
+
 void AddUnfinished(const JobTask& task, int count, WorkByPhase& work) {
   PhaseWork& phase = PhaseOf(task, work);
   phase.unfinished += count;
@@ -55,7 +57,12 @@ int MemoryStep(int64_t peak_bytes) {
   return static_cast<int>(std::ceil(16 * std::log2(static_cast<double>(peak_bytes) / (1 << 30))));
 }
 
-void JobTotals::AddPlanned(const JobTask& task) {
+size_t TileTotals::FirstOpen(const std::deque<JobTask>& all) const {
+  while (open_from < tasks.size() && all[tasks[open_from]].state == TaskState::kSucceeded) ++open_from;
+  return open_from;
+}
+
+void JobTotals::AddPlanned(int index, const JobTask& task) {
   if (!task.plan.given->empty()) return;
   PhaseWork& phase = PhaseOf(task, work_);
   ++phase.planned;
@@ -65,16 +72,21 @@ void JobTotals::AddPlanned(const JobTask& task) {
   ++sums_.tasks;
   sums_.bytes_to_store += task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).total += task.plan.cost;
+  ++stages_[StageKey(task)].planned;
   if (task.plan.tile < 0) return;
-  const auto [of_tile, is_new] = unfinished_of_tile_.emplace(task.plan.tile, 0);
+  const auto [of_tile, is_new] = tiles_.try_emplace(task.plan.tile);
+  TileTotals& tile = of_tile->second;
   sums_.tiles += is_new;
-  sums_.unfinished_tiles += of_tile->second++ == 0;
+  sums_.unfinished_tiles += tile.unfinished++ == 0;
+  tile.tasks.push_back(index);
+  tile.predicted_core_seconds += task.plan.cost;
+  tile.predicted_peak_bytes = std::max(tile.predicted_peak_bytes, task.plan.peak_bytes);
 }
 
 void JobTotals::AddQuarantined(int tile) {
-  const auto [of_tile, is_new] = unfinished_of_tile_.emplace(tile, 0);
+  const auto [of_tile, is_new] = tiles_.try_emplace(tile);
   sums_.tiles += is_new;
-  sums_.unfinished_tiles += of_tile->second++ == 0;
+  sums_.unfinished_tiles += of_tile->second.unfinished++ == 0;
 }
 
 void JobTotals::AddSucceeded(int index, const JobTask& task) {
@@ -82,11 +94,20 @@ void JobTotals::AddSucceeded(int index, const JobTask& task) {
   AddUnfinished(task, -1, work_);
   sums_.bytes_to_store -= task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).done += task.plan.cost;
+  const double used_s = task.reused ? 0 : task.usage.core_seconds;
+  sums_.core_seconds += used_s;
+  ++stages_[StageKey(task)].done;
   if (!task.reused) {
     sums_.AddRun(task.plan, task.plan.cost, static_cast<double>(task.end_us - task.attempts.back().start_us) / 1e6);
   }
   if (!task.warnings->empty()) warned_.insert(index);
-  if (task.plan.tile >= 0) sums_.unfinished_tiles -= --unfinished_of_tile_[task.plan.tile] == 0;
+  if (task.plan.tile < 0) return;
+  TileTotals& tile = tiles_[task.plan.tile];
+  sums_.unfinished_tiles -= --tile.unfinished == 0;
+  tile.reused += task.reused;
+  tile.core_seconds += used_s;
+  tile.done_core_seconds += task.plan.cost;
+  if (!task.reused) tile.peak_bytes = std::max(tile.peak_bytes, task.usage.peak_bytes);
 }
 
 void JobTotals::AddLost(int index, const JobTask& task) {
@@ -94,8 +115,27 @@ void JobTotals::AddLost(int index, const JobTask& task) {
   AddUnfinished(task, 1, work_);
   sums_.bytes_to_store += task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).done -= task.plan.cost;
+  --stages_[StageKey(task)].done;
   warned_.erase(index);
-  if (task.plan.tile >= 0) sums_.unfinished_tiles += unfinished_of_tile_[task.plan.tile]++ == 0;
+  if (task.plan.tile < 0) return;
+  TileTotals& tile = tiles_[task.plan.tile];
+  sums_.unfinished_tiles += tile.unfinished++ == 0;
+  tile.reused -= task.reused;
+  tile.done_core_seconds -= task.plan.cost;
+  const auto at = std::lower_bound(tile.tasks.begin(), tile.tasks.end(), index) - tile.tasks.begin();
+  tile.open_from = std::min(tile.open_from, static_cast<size_t>(at));
+}
+
+void JobTotals::AddAttempt(int tile, int attempts, int failed) {
+  const auto of_tile = tiles_.find(tile);
+  if (of_tile == tiles_.end()) return;
+  of_tile->second.attempts += attempts;
+  of_tile->second.failed_attempts += failed;
+}
+
+StageCount JobTotals::StageOf(const JobTask& task) const {
+  const auto found = stages_.find(StageKey(task));
+  return found == stages_.end() ? StageCount() : found->second;
 }
 
 // Job names count from 1. Task names are indices from 0, as in the inputs of a plan.

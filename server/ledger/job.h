@@ -133,7 +133,6 @@ struct JobHeader {
   int64_t create_us = 0;
   int64_t start_us = 0;
   int64_t end_us = 0;
-  std::vector<NamedDigest> artifacts;
   Warnings warnings;
   std::string client;   // that submitted it; empty: submitted to an earlier release
   int priority = 0;     // free workers take the tasks of the highest first
@@ -172,6 +171,29 @@ struct JobSums {
   int64_t bytes_to_store = 0;  // predicted, of tasks not yet done
   Part ingest, cut, rest;
   double timed_cost = 0, timed_s = 0;
+  double core_seconds = 0;  // used by tasks that succeeded, also if their results were lost later
+};
+
+// Sums over the tasks of a tile, so that tiles are listed without visiting all their tasks.
+struct TileTotals {
+  std::vector<int> tasks;  // indices in the job's list, ascending; without superseded and given ones
+  int unfinished = 0;      // of `tasks`; a quarantined tile has one more
+  int reused = 0;
+  int attempts = 0, failed_attempts = 0;  // also of superseded tasks
+  double core_seconds = 0;                // as in JobSums
+  double predicted_core_seconds = 0, done_core_seconds = 0;  // predicted: of all tasks, of those that succeeded
+  int64_t peak_bytes = 0, predicted_peak_bytes = 0;          // largest of a task; 0: unknown
+  // All of `tasks` before this position have succeeded. FirstOpen moves it.
+  mutable size_t open_from = 0;
+
+  // Position of the first task that has not succeeded; tasks.size() if there is none. Over all calls it visits each
+  // success once.
+  size_t FirstOpen(const std::deque<JobTask>& all) const;
+};
+
+// Progress of the tasks with one depth and kind: of a stage of all tiles.
+struct StageCount {
+  int planned = 0, done = 0;
 };
 
 // Ranges of memory for WorkByPhase, 16 per factor of 2: the task needs at most 2^(step / 16) GiB.
@@ -191,13 +213,18 @@ using WorkByPhase = std::map<std::pair<int, int>, PhaseWork>;
 class JobTotals {
  public:
   // Does not count a given task. Precondition: the task has not succeeded.
-  void AddPlanned(const JobTask& task);
+  void AddPlanned(int index, const JobTask& task);
   void AddSucceeded(int index, const JobTask& task);
   // A quarantined tile stays unfinished.
   void AddQuarantined(int tile);
   // The task's result is lost: it no longer counts as succeeded.
   void AddLost(int index, const JobTask& task);
+  // An attempt of a task of this tile has started or failed. No effect for tiles without tasks.
+  void AddAttempt(int tile, int attempts, int failed);
   const JobSums& sums() const { return sums_; }
+  const std::map<int, TileTotals>& tiles() const { return tiles_; }
+  // Of the tasks with the same depth and kind as this one.
+  StageCount StageOf(const JobTask& task) const;
   const std::set<int>& warned() const { return warned_; }  // indices of succeeded tasks with warnings
   // Empty if the job has ended.
   const WorkByPhase& work() const { return work_; }
@@ -206,13 +233,15 @@ class JobTotals {
  private:
   JobSums sums_;
   std::set<int> warned_;
-  std::map<int, int> unfinished_of_tile_;  // unfinished tasks
+  std::map<int, TileTotals> tiles_;
+  std::map<std::pair<int, int>, StageCount> stages_;  // by depth and KindIndex
   WorkByPhase work_;
 };
 
 struct Job {
   JobHeader header;
   std::vector<NamedDigest> scene_files;      // sorted by name
+  std::vector<NamedDigest> artifacts = {};   // published files
   std::deque<JobTask> tasks;                 // by phase; a growing vector would need three times the memory
   int unfinished = 0;                        // tasks that have not succeeded, without superseded ones
   int failed = -1;                           // first task that failed permanently; -1: none

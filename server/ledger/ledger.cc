@@ -147,7 +147,7 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
       ++job.unfinished;
     }
     if (added.plan.stored_bytes > 0) ready_.Hold(index);
-    job.totals.AddPlanned(added);
+    job.totals.AddPlanned(static_cast<int>(job.tasks.size()), added);
     job.tasks.push_back(std::move(added));
   }
   if (!change.more()) {
@@ -183,6 +183,7 @@ void Ledger::ApplyStarted(const v1::AttemptStarted& change, int64_t time_us) {
   target.state = TaskState::kLeased;
   target.attempts.push_back({change.worker(), change.machine(), time_us, 0, {}, false});
   target.attempts.back().after_end = HasEnded(header.state);
+  jobs_[ref.job].totals.AddAttempt(target.plan.tile, 1, 0);
   if (target.start_us == 0) target.start_us = time_us;
   if (header.state == JobState::kQueued) {
     header.state = JobState::kRunning;
@@ -232,6 +233,7 @@ void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   attempt.end_us = time_us;
   attempt.failure = TaskFailure{static_cast<ErrorClass>(change.error().error_class()), change.error().message()};
   attempt.lease_expired = change.lease_expired();
+  job.totals.AddAttempt(target.plan.tile, 0, 1);
   target.error = attempt.failure;
   target.retry_delay_us = change.retry_delay_us();
   if (change.retry_time_us() > time_us) target.retry_delay_us = change.retry_time_us() - time_us;
@@ -256,7 +258,7 @@ void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
   job.header.error = change.error();
   job.header.bad_input = change.bad_input();
   job.header.end_us = time_us;
-  job.header.artifacts = NamedDigests(change.artifacts());
+  job.artifacts = NamedDigests(change.artifacts());
   for (JobTask& each : job.tasks) {
     if (each.superseded || each.state == TaskState::kSucceeded || each.state == TaskState::kFailed) continue;
     if (each.state == TaskState::kLeased) {

@@ -36,8 +36,14 @@ void Ledger::Recount(Job& job) {
   for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {
     const JobTask& task = job.tasks[i];
     if (task.superseded) continue;
-    job.totals.AddPlanned(task);
+    job.totals.AddPlanned(i, task);
     if (task.state == TaskState::kSucceeded && task.plan.given->empty()) job.totals.AddSucceeded(i, task);
+  }
+  for (const JobTask& task : job.tasks) {
+    const auto failed = std::count_if(task.attempts.begin(), task.attempts.end(), [](const Attempt& attempt) {
+      return attempt.lease_expired || attempt.failure->error_class != ErrorClass::kNone;
+    });
+    if (task.attempt() > 0) job.totals.AddAttempt(task.plan.tile, task.attempt(), static_cast<int>(failed));
   }
 }
 
@@ -274,6 +280,7 @@ void Ledger::ApplyRestarted(const v1::JobRestarted& change) {
   Job restarted;
   restarted.header = std::move(job.header);
   restarted.scene_files = std::move(job.scene_files);
+  restarted.artifacts = std::move(job.artifacts);
   restarted.header.state = JobState::kQueued;
   restarted.header.start_us = 0;
   restarted.header.warnings.push_back("restarted with algorithm version " + change.algorithm_version() +

@@ -47,7 +47,7 @@ StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool de
   };
   for (const Job& job : ledger.jobs()) {
     if (job.deleted) continue;
-    for (const NamedDigest& artifact : job.header.artifacts) check(job.header.name, artifact, false);
+    for (const NamedDigest& artifact : job.artifacts) check(job.header.name, artifact, false);
     for (const NamedDigest& file : job.scene_files) {
       if (file.name == kClassifierFile) check(job.header.name, file, false);
     }

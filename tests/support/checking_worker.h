@@ -125,7 +125,7 @@ class CheckingWorkerTest : public CoordinatorTest {
   Digest Mesh(const std::string& job) {
     const JobStatus status = Job(job);
     EXPECT_EQ(status.header.state, JobState::kSucceeded) << status.header.error;
-    return status.header.artifacts.empty() ? Digest() : status.header.artifacts.front().digest;
+    return status.artifacts.empty() ? Digest() : status.artifacts.front().digest;
   }
 
   bool based_ = false;

@@ -117,7 +117,7 @@ TEST_F(DemandTest, EndedJobWantsAWorkerOnlyForALostResult) {
   ASSERT_EQ(Job(job).header.state, JobState::kSucceeded);
   EXPECT_THAT(Workers(Now()), ElementsAre(0, 0));
   EXPECT_TRUE(coordinator_->core().ledger().jobs()[0].totals.work().empty());
-  const std::vector<NamedDigest> artifacts = Job(job).header.artifacts;
+  const std::vector<NamedDigest> artifacts = Job(job).artifacts;
   const auto mesh = std::find_if(artifacts.begin(), artifacts.end(),
                                  [](const NamedDigest& artifact) { return artifact.name == "mesh.ply"; });
   ASSERT_NE(mesh, artifacts.end());

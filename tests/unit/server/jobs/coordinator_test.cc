@@ -50,10 +50,10 @@ TEST_F(CoordinatorTest, RunsAJobToItsEnd) {
   const JobStatus done = Job(job);
   EXPECT_EQ(done.header.state, JobState::kSucceeded);
   EXPECT_EQ(done.progress, 1);
-  ASSERT_EQ(done.header.artifacts.size(), 2u);
-  EXPECT_EQ(done.header.artifacts[0].name, "mesh.ply");
-  EXPECT_EQ(done.header.artifacts[1].name, "job.json");
-  const auto report = nlohmann::json::parse(*blobs_->Read(done.header.artifacts[1].digest));
+  ASSERT_EQ(done.artifacts.size(), 2u);
+  EXPECT_EQ(done.artifacts[0].name, "mesh.ply");
+  EXPECT_EQ(done.artifacts[1].name, "job.json");
+  const auto report = nlohmann::json::parse(*blobs_->Read(done.artifacts[1].digest));
   EXPECT_EQ(report["totals"]["tasks"], 4);
   EXPECT_EQ(report["totals"]["core_seconds_of_kind"]["refine"], 2 * 7.5);
   EXPECT_EQ(report["totals"]["seconds_of_stage"]["data"], 4 * 0.75);
@@ -124,7 +124,7 @@ TEST_F(CoordinatorTest, TransientErrorsDelayAndThenFailTheTask) {
   ASSERT_TRUE(Fail(worker, *last, ErrorClass::kTransient).ok());
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_THAT(Job(job).header.error, HasSubstr("read the scene: it broke (transient, attempt 4)"));
-  EXPECT_EQ(Job(job).header.artifacts.at(0).name, "job.json");
+  EXPECT_EQ(Job(job).artifacts.at(0).name, "job.json");
 }
 
 TEST_F(CoordinatorTest, ConfirmedInputErrorFailsTheJob) {
@@ -224,7 +224,7 @@ TEST_F(CoordinatorTest, KnownResultsAreReused) {
   EXPECT_EQ(WorkAll(worker), 4);
   const std::string second = Create(AJob(2));
   EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);
-  EXPECT_EQ(Job(second).header.artifacts[0], Job(first).header.artifacts[0]);
+  EXPECT_EQ(Job(second).artifacts[0], Job(first).artifacts[0]);
   EXPECT_TRUE(Task(second, 1).task.reused);
   EXPECT_EQ(Task(second, 1).task.attempt(), 0);
   // Another number of tiles reuses ingest and the first two tiles.

@@ -116,8 +116,8 @@ class MachineFailureTest : public CoordinatorTest {
     WorkAll(Worker());
     const JobStatus ended = Job("jobs/1");
     ASSERT_EQ(ended.header.state, JobState::kSucceeded);
-    if (!mesh_) mesh_ = ended.header.artifacts.at(0).digest;
-    EXPECT_EQ(ended.header.artifacts.at(0).digest, *mesh_);
+    if (!mesh_) mesh_ = ended.artifacts.at(0).digest;
+    EXPECT_EQ(ended.artifacts.at(0).digest, *mesh_);
   }
 
   Random random_{1};

@@ -77,7 +77,7 @@ TEST_F(RecordQuarantineTest, StoredStatisticsOfAnyDepthAreAccepted) {
   EXPECT_THAT(RestartAndTell(), IsEmpty());
   WorkAll(Worker());
   ASSERT_EQ(Job(job).header.state, JobState::kSucceeded);
-  const auto report = nlohmann::json::parse(*blobs_->Read(Job(job).header.artifacts.at(1).digest));
+  const auto report = nlohmann::json::parse(*blobs_->Read(Job(job).artifacts.at(1).digest));
   EXPECT_TRUE(report["tasks"][0]["stats"].is_null());
 }
 

@@ -86,7 +86,7 @@ TEST_F(LostResultsTest, AnyLossAtAnyTimeGivesTheSameBytes) {
 TEST_F(LostResultsTest, LostReportIsWrittenWithTheSameBytes) {
   const std::string job = Create(Scene(2));
   Work(job);
-  const std::vector<NamedDigest> artifacts = Job(job).header.artifacts;
+  const std::vector<NamedDigest> artifacts = Job(job).artifacts;
   ASSERT_EQ(artifacts.back().name, "job.json");
   const Digest report = artifacts.back().digest;
   clock_.SetBy(-3600);  // the report does not depend on it

@@ -33,7 +33,7 @@ std::string Text(const Ledger& ledger) {
   for (const Job& job : ledger.jobs()) {
     const JobHeader& header = job.header;
     out << header.name << " " << static_cast<int>(header.state) << " " << header.error << " " << header.create_us << " "
-        << header.start_us << " " << header.end_us << " " << job.lost << job.unfinished << " " << Text(header.artifacts)
+        << header.start_us << " " << header.end_us << " " << job.lost << job.unfinished << " " << Text(job.artifacts)
         << Text(job.scene_files) << "\n";
     for (const JobTask& task : job.tasks) {
       out << task.plan.name << " " << static_cast<int>(task.state) << " " << task.key_hex() << " "
@@ -168,7 +168,7 @@ TEST_F(ReplayTest, AnyPrefixCanBeFinished) {
   planner_.exchange = true;
   const std::string job = Create(AJob(2));
   WorkAll(Worker());
-  const NamedDigest mesh = Job(job).header.artifacts.at(0);
+  const NamedDigest mesh = Job(job).artifacts.at(0);
   const std::vector<std::string> all = store_.records;
   for (size_t size = 1; size <= all.size(); ++size) {
     store_.records.assign(all.begin(), all.begin() + static_cast<int64_t>(size));
@@ -178,7 +178,7 @@ TEST_F(ReplayTest, AnyPrefixCanBeFinished) {
     ASSERT_TRUE(coordinator_->Tick().ok());
     WorkAll(Worker());
     EXPECT_EQ(Job(job).header.state, JobState::kSucceeded) << "after " << size << " records";
-    EXPECT_EQ(Job(job).header.artifacts.at(0), mesh);
+    EXPECT_EQ(Job(job).artifacts.at(0), mesh);
   }
 }
 

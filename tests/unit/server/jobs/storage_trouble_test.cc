@@ -114,7 +114,7 @@ TEST_F(StorageTroubleTest, UnstoredEndIsNotListed) {
     return listed;
   };
   EXPECT_THAT(states(), ElementsAre(JobState::kRunning, JobState::kQueued));
-  EXPECT_THAT(coordinator_->jobs().ListJobs(-1, 10).at(0).header.artifacts, IsEmpty());
+  EXPECT_THAT(coordinator_->jobs().ListJobs(-1, 10).at(0).artifacts, IsEmpty());
   EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).at(1).waiting_for, "the end of the job is not stored yet");
   store_.fail = false;
   while (!coordinator_->core().Durable().ok()) {  // waits for 0.05 s

@@ -92,7 +92,7 @@ class TileQuarantineTest : public CoordinatorTest {
     }
   }
   // Hashes of the published states of the tiles.
-  std::string Published(const std::string& job) { return Job(job).header.artifacts.at(0).digest.sha256; }
+  std::string Published(const std::string& job) { return Job(job).artifacts.at(0).digest.sha256; }
 
   RowPlanner row_;
 };
@@ -109,8 +109,8 @@ TEST_F(TileQuarantineTest, OtherTilesContinueWithoutRepeatedWork) {
   EXPECT_EQ(status.tiles_total, 5);
   EXPECT_EQ(status.progress, 1);
   EXPECT_EQ(status.tasks_done, status.tasks_total);
-  ASSERT_EQ(status.header.artifacts.size(), 2u);
-  const auto report = nlohmann::json::parse(*blobs_->Read(status.header.artifacts[1].digest));
+  ASSERT_EQ(status.artifacts.size(), 2u);
+  const auto report = nlohmann::json::parse(*blobs_->Read(status.artifacts[1].digest));
   EXPECT_EQ(report["state"], "partial");
   EXPECT_EQ(report["quarantined"][0]["tile"], 0);
   // Only tasks of adjacent tiles may run again.
