@@ -106,6 +106,32 @@ std::span<const BoolSetting> BoolSettings() {
   return kSettings;
 }
 
+std::optional<std::string> MethodDefault(const std::string& setting, const std::string& method) {
+  const bool labels_only = method == kLabelsMethod, paper = method == "paper", baseline = method == "baseline";
+  const bool for_labels =
+      setting == "normal_prior" || setting == "label_smoothness" || setting == "views_per_direction";
+  if (labels_only && !for_labels) return std::nullopt;
+  if (baseline && (setting == "semantic" || setting == "inter")) return std::nullopt;
+  if ((paper || baseline) && setting == "contour") return "0";
+  if (paper && setting == "semantic") return absl::StrCat(kPaperSemantic);
+  if (paper && setting == "inter") return absl::StrCat(kPaperInter);
+  if (paper && setting == "label_smoothness") return absl::StrCat(kPaperLabelSmoothness);
+  if ((paper || baseline) && (setting == "labels_first" || setting == "flip_edges")) return "false";
+  for (const auto& each : RealSettings()) {
+    if (setting == each.name) return absl::StrCat(each.standard);
+  }
+  for (const auto& each : WholeSettings()) {
+    if (setting == each.name) return absl::StrCat(each.standard);
+  }
+  for (const ListSetting& each : ListSettings()) {
+    if (setting == each.name) return absl::StrJoin(each.standard, ",");
+  }
+  for (const BoolSetting& each : BoolSettings()) {
+    if (setting == each.name) return each.standard ? "true" : "false";
+  }
+  return std::nullopt;
+}
+
 Status CheckMethod(const std::string& method, const MethodSettings& settings) {
   Faults faults;
   if (!method.empty() && std::find(kMethods.begin(), kMethods.end(), method) == kMethods.end()) {

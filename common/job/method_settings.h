@@ -16,6 +16,15 @@ namespace tessera {
 inline constexpr std::array<const char*, 4> kMethods = {"tessera", "baseline", "paper", "labels"};
 inline constexpr const char* kLabelsMethod = "labels";
 
+// What each of kMethods does, for people.
+inline constexpr std::array<const char*, 4> kMethodHelps = {
+    "The default: geometry and labels in turn, with straight creases and class borders",
+    "Vu et al. 2012: geometry from images alone", "Blaha et al. 2017: its terms and rounds",
+    "Solves the labels once and moves no vertices"};
+
+// Values of the method "paper" that differ from the standard ones; the paper gives no weights.
+inline constexpr double kPaperSemantic = 0.1, kPaperInter = 0.1, kPaperLabelSmoothness = 0.5;
+
 // Settings that are not set (or empty lists) have the method's default.
 struct MethodSettings {
   std::optional<double> semantic, thin_plate, inter, contour;  // λ1 to λ4
@@ -58,6 +67,10 @@ std::span<const Setting<double>> RealSettings();
 std::span<const Setting<int>> WholeSettings();
 std::span<const ListSetting> ListSettings();
 std::span<const BoolSetting> BoolSettings();
+
+// The value that the method has if the setting of this name in one of the tables is not set, as text: "0.3", "2,1,0",
+// "true". None if the method does not use the setting or has no setting of this name.
+std::optional<std::string> MethodDefault(const std::string& setting, const std::string& method);
 
 // INVALID_ARGUMENT lists all errors, each with what was found and what was expected. An empty method means "tessera".
 Status CheckMethod(const std::string& method, const MethodSettings& settings);

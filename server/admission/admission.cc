@@ -79,7 +79,16 @@ StatusOr<JobStatus> Admission::Validate(const Submission& submission, const Canc
   return status;
 }
 
-StatusOr<NewJob> Admission::MakeJob(const Submission& submission, const Cancelled& cancelled) const {
+StatusOr<JobQuote> Admission::Quote(const Submission& submission, const Cancelled& cancelled) const {
+  TESSERA_RETURN_IF_ERROR(CheckSizes(submission));
+  SceneDescription scene;
+  TESSERA_ASSIGN_OR_RETURN(NewJob job, MakeJob(submission, cancelled, &scene));
+  TESSERA_ASSIGN_OR_RETURN(job, environment_.jobs->CompleteJob(std::move(job)));
+  return QuoteOf(job, scene, *environment_.jobs, *environment_.blobs, environment_.scene_files);
+}
+
+StatusOr<NewJob> Admission::MakeJob(const Submission& submission, const Cancelled& cancelled,
+                                    SceneDescription* scene) const {
   NewJob job;
   job.client = submission.client;
   job.request = RequestOf(submission);
@@ -89,7 +98,7 @@ StatusOr<NewJob> Admission::MakeJob(const Submission& submission, const Cancelle
   TESSERA_ASSIGN_OR_RETURN(const ClientLimits::Ticket reading, environment_.limits->Transfer(submission.client, {}));
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(job.settings));
   TESSERA_RETURN_IF_ERROR(CheckPriority(job.priority));
-  if (ReadsScene(submission)) TESSERA_RETURN_IF_ERROR(AddScene(submission, cancelled, job));
+  if (ReadsScene(submission)) TESSERA_RETURN_IF_ERROR(AddScene(submission, cancelled, job, scene));
   // A disconnected caller would not learn the job's name.
   if (cancelled && cancelled()) return absl::CancelledError("cancelled: the caller has disconnected");
   return job;
@@ -114,7 +123,8 @@ StatusOr<SceneListing> Admission::ReadFiles(const Submission& submission, const 
   return environment_.read_scene(path, request, environment_.scene_files);
 }
 
-Status Admission::AddScene(const Submission& submission, const Cancelled& cancelled, NewJob& job) const {
+Status Admission::AddScene(const Submission& submission, const Cancelled& cancelled, NewJob& job,
+                           SceneDescription* description) const {
   SceneRequest request = {job.settings.update.base.empty(), job.settings.classifier};
   request.skip_images = job.settings.skip_images;
   if (!request.needs_mesh) {
@@ -142,6 +152,7 @@ Status Admission::AddScene(const Submission& submission, const Cancelled& cancel
     TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene.folder, scene.files, environment_.scene_files,
                                                                *environment_.digests, *environment_.clock, cancelled));
   }
+  if (description != nullptr) *description = std::move(scene.scene);
   if (scene.classifier_content.empty()) return absl::OkStatus();
   job.classifier = std::move(scene.classifier_content);
   job.scene_files.push_back(

@@ -7,6 +7,8 @@
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/storage/allowed_files.h"
+#include "common/storage/blob_store.h"
+#include "server/admission/job_quote.h"
 #include "server/admission/scene_files.h"
 #include "server/admission/scene_reader.h"
 #include "server/auth/client_limits.h"
@@ -37,6 +39,7 @@ struct AdmissionEnvironment {
   AllowedFiles scene_files = AllowedFiles::All();  // files that scenes may have
   bool scenes_over_network = true;                 // false: only local callers may submit a scene in a folder
   const StoredScenes* stored_scenes = nullptr;     // null: no scene in an object store
+  const BlobStore* blobs = nullptr;                // for Quote
 };
 
 // Validates a submission, reads its scene, hashes the scene's files and creates the job. Thread-safe: submissions are
@@ -55,11 +58,17 @@ class Admission {
   // All checks of Submit except those of the id and the number of jobs. Creates nothing; of the result, only the
   // header's display name, scene path, settings and warnings are set.
   StatusOr<JobStatus> Validate(const Submission& submission, const Cancelled& cancelled = {}) const;
+  // The predicted cost of a submission that Validate accepts; else its error. Reads poses, headers and a sample of the
+  // mesh, no pixels.
+  StatusOr<JobQuote> Quote(const Submission& submission, const Cancelled& cancelled = {}) const;
 
  private:
   // The job of a submission whose fields were checked. Reads and hashes the scene.
-  StatusOr<NewJob> MakeJob(const Submission& submission, const Cancelled& cancelled) const;
-  Status AddScene(const Submission& submission, const Cancelled& cancelled, NewJob& job) const;
+  // `scene`: gets the description of its scene; may be null.
+  StatusOr<NewJob> MakeJob(const Submission& submission, const Cancelled& cancelled,
+                           SceneDescription* scene = nullptr) const;
+  Status AddScene(const Submission& submission, const Cancelled& cancelled, NewJob& job,
+                  SceneDescription* description) const;
   // Whether the caller may name files of the coordinator's machine.
   bool MayReadFiles(const Submission& submission) const;
   // The files of the submission's scene. FAILED_PRECONDITION if it may not be read.

@@ -71,6 +71,7 @@ StatusOr<SceneListing> ListScene(const Loader& load_scene, const SceneRequest& r
   listing.place.up = scene.up_in_local;
   listing.place.classes = scene.classes;
   listing.place.source = scene.source;
+  listing.scene = std::move(scene);
   return listing;
 }
 

@@ -7,6 +7,7 @@
 
 #include "common/base/status.h"
 #include "common/exporting/export_scene.h"
+#include "common/scene/scene.h"
 #include "common/scene/stored_scenes.h"
 #include "common/storage/allowed_files.h"
 #include "common/storage/hash.h"
@@ -29,6 +30,7 @@ struct SceneListing {
   std::string classifier = {};
   std::string classifier_content = {};  // of a trained classifier
   ExportScene place = {};               // where the scene lies, for exports; without its GSD and ground
+  SceneDescription scene = {};          // with its poses, for a quote
   // Of a scene in an object store: the digests of `files`, as its manifest has them. Else empty.
   std::vector<NamedDigest> digests = {};
 };

@@ -34,6 +34,11 @@ const std::map<std::string, RoleSet>& Rules() {
       {"/tessera.v1.Jobs/WatchJob", kReaders},
       {"/tessera.v1.Jobs/ListTasks", kReaders},
       {"/tessera.v1.Jobs/ListAttempts", kReaders},
+      {"/tessera.v1.Jobs/ListTiles", kReaders},
+      {"/tessera.v1.Jobs/ListViews", kReaders},
+      {"/tessera.v1.Jobs/ListArtifacts", kReaders},
+      {"/tessera.v1.Jobs/ListSettings", kReaders},
+      {"/tessera.v1.Jobs/QuoteJob", kSubmitters},  // reads a scene, as CreateJob
       {"/tessera.v1.Workers/RegisterWorker", kWorker},
       {"/tessera.v1.Workers/LeaseTask", kWorker},
       {"/tessera.v1.Workers/Heartbeat", kWorker},

@@ -7,16 +7,6 @@
 #include "server/grpc/services.h"
 
 namespace tessera {
-namespace {
-
-// A token is the index where the next page starts; empty: `by_default`.
-StatusOr<int> ParseToken(const std::string& token, int by_default) {
-  if (token.empty()) return by_default;
-  if (token.size() > 9 || !std::all_of(token.begin(), token.end(), [](char c) { return c >= '0' && c <= '9'; })) {
-    return absl::InvalidArgumentError("malformed page token: '" + token + "'");
-  }
-  return std::stoi(token);
-}
 
 Submission SubmissionOf(const v1::CreateJobRequest& request, const Caller& caller) {
   return {request.request_id(),
@@ -27,8 +17,6 @@ Submission SubmissionOf(const v1::CreateJobRequest& request, const Caller& calle
           caller.client,
           caller.local};
 }
-
-}  // namespace
 
 grpc::Status JobsService::CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request,
                                     v1::Job* response) {
@@ -63,7 +51,7 @@ grpc::Status JobsService::GetJob(grpc::ServerContext*, const v1::GetJobRequest* 
 
 grpc::Status JobsService::ListJobs(grpc::ServerContext*, const v1::ListJobsRequest* request,
                                    v1::ListJobsResponse* response) {
-  const auto before = ParseToken(request->page_token(), -1);
+  const auto before = ParsePageToken(request->page_token(), -1);
   if (!before.ok()) return ToGrpc(before.status());
   const auto jobs = jobs_.ListJobs(*before, PageSize(request->page_size(), 100));
   size_t bytes = 0;
@@ -109,7 +97,7 @@ grpc::Status JobsService::DeleteJob(grpc::ServerContext*, const v1::DeleteJobReq
 
 grpc::Status JobsService::ListTasks(grpc::ServerContext*, const v1::ListTasksRequest* request,
                                     v1::ListTasksResponse* response) {
-  const auto first = ParseToken(request->page_token(), 0);
+  const auto first = ParsePageToken(request->page_token(), 0);
   if (!first.ok()) return ToGrpc(first.status());
   // Request one task more than a page, to detect whether a next page exists.
   const int page_size = PageSize(request->page_size(), 1000);
@@ -132,8 +120,8 @@ grpc::Status JobsService::ListAttempts(grpc::ServerContext*, const v1::ListAttem
   // A token is the task and the attempt where the next page starts.
   const std::string& token = request->page_token();
   const size_t dot = std::min(token.find('.'), token.size());
-  const auto task = ParseToken(token.substr(0, dot), 0);
-  const auto number = ParseToken(token.substr(std::min(dot + 1, token.size())), 1);
+  const auto task = ParsePageToken(token.substr(0, dot), 0);
+  const auto number = ParsePageToken(token.substr(std::min(dot + 1, token.size())), 1);
   for (const auto* part : {&task, &number}) {
     if (!part->ok()) return ToGrpc(absl::InvalidArgumentError("malformed page token: '" + token + "'"));
   }

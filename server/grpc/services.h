@@ -14,6 +14,7 @@
 #include "server/auth/client_limits.h"
 #include "server/grpc/coordinator_server.h"
 #include "server/grpc/job_watches.h"
+#include "server/tiles/tiles.h"
 #include "tessera/v1/blobs.grpc.pb.h"
 #include "tessera/v1/jobs.grpc.pb.h"
 #include "tessera/v1/workers.grpc.pb.h"
@@ -27,9 +28,10 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
       : environment_(environment),
         core_(core),
         jobs_(jobs),
+        tiles_(core, environment.coordinator->planning()),
         admission_(AdmissionEnvironment{&jobs, &limits, environment.digests, environment.clock, environment.read_scene,
                                         environment.scene_files, environment.scenes_over_network,
-                                        environment.stored_scenes}),
+                                        environment.stored_scenes, environment.blobs}),
         watches_(core, jobs, environment.access, &limits) {}
   grpc::Status CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request, v1::Job* response) override;
   grpc::Status ExportJob(grpc::ServerContext* context, const v1::ExportJobRequest* request, v1::Job* response) override;
@@ -51,11 +53,22 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
                          v1::ListTasksResponse* response) override;
   grpc::Status ListAttempts(grpc::ServerContext* context, const v1::ListAttemptsRequest* request,
                             v1::ListAttemptsResponse* response) override;
+  grpc::Status ListTiles(grpc::ServerContext* context, const v1::ListTilesRequest* request,
+                         v1::ListTilesResponse* response) override;
+  grpc::Status ListViews(grpc::ServerContext* context, const v1::ListViewsRequest* request,
+                         v1::ListViewsResponse* response) override;
+  grpc::Status ListArtifacts(grpc::ServerContext* context, const v1::ListArtifactsRequest* request,
+                             v1::ListArtifactsResponse* response) override;
+  grpc::Status ListSettings(grpc::ServerContext* context, const v1::ListSettingsRequest* request,
+                            v1::ListSettingsResponse* response) override;
+  grpc::Status QuoteJob(grpc::ServerContext* context, const v1::CreateJobRequest* request,
+                        v1::Quote* response) override;
 
  private:
   const ServerEnvironment& environment_;
   DispatchCore& core_;
   Jobs& jobs_;
+  Tiles tiles_;
   const Admission admission_;
   JobWatches watches_;
 };

@@ -15,6 +15,12 @@
 
 namespace tessera {
 
+// A survey and the job that made it.
+struct KnownSurvey {
+  std::string job;
+  Digest survey;
+};
+
 // Thread-safe. Calls that change a job return OK when the change is durable, UNAVAILABLE if that takes too long: the
 // change stays, and the call may be repeated. On other errors nothing changes. NOT_FOUND for an unknown job.
 class Jobs {
@@ -56,6 +62,9 @@ class Jobs {
   // At most `count` published files whose names start with `prefix`, in the order of publication from index `first`. A
   // page may be short or empty although another one follows.
   StatusOr<ArtifactPage> ListArtifacts(const std::string& job, const std::string& prefix, int first, int count) const;
+  // The newest stored survey of a job whose first phase reads the same files in the same way as that of `job`, of this
+  // algorithm version. Looks at the last 1,000 jobs.
+  std::optional<KnownSurvey> FindSurvey(const NewJob& job) const;
   StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
 
   // Blob authorization: users may read the artifacts and surveys of jobs.

@@ -1,11 +1,14 @@
 // Queries of jobs, tasks and attempts.
 #include <algorithm>
 
+#include "common/base/version.h"
 #include "server/jobs/jobs.h"
+#include "server/plan/graph.h"
 
 namespace tessera {
 namespace {
 
+constexpr int kMaxJobsSeen = 1000;
 constexpr int kMaxTasksSeen = 10'000;  // tasks or files visited per hold of the mutex
 
 bool IsAmong(const std::vector<NamedDigest>& files, const Digest& digest) {
@@ -114,9 +117,11 @@ StatusOr<AttemptPage> Jobs::ListAttempts(const std::string& name, int first, int
 StatusOr<ArtifactPage> Jobs::ListArtifacts(const std::string& name, const std::string& prefix, int first,
                                            int count) const {
   ArtifactPage page;
+  bool ended = false;
   {
     std::lock_guard lock(mutex_);
     TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+    ended = HasEnded(ledger_.jobs()[job].header.state);
     const std::vector<NamedDigest>& all = ledger_.jobs()[job].artifacts;
     const int end = static_cast<int>(all.size());
     int i = std::max(0, first);
@@ -126,8 +131,35 @@ StatusOr<ArtifactPage> Jobs::ListArtifacts(const std::string& name, const std::s
     }
     if (i < end) page.next = i;
   }
-  TESSERA_RETURN_IF_ERROR(core_.Durable());  // an end is shown only when durable
+  if (ended) TESSERA_RETURN_IF_ERROR(core_.Durable());  // an end is shown only when durable
   return page;
+}
+
+std::optional<KnownSurvey> Jobs::FindSurvey(const NewJob& job) const {
+  std::vector<NamedDigest> files = job.scene_files;
+  std::sort(files.begin(), files.end(), [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
+  std::vector<std::string> names;
+  for (const NamedDigest& file : files) names.push_back(file.name);
+  const auto planned = PlanIngest(job.settings, names);
+  if (!planned.ok()) return std::nullopt;
+  const std::string& parameters = planned->back().parameters;  // of the task that makes the survey
+  std::lock_guard lock(mutex_);
+  const std::vector<Job>& jobs = ledger_.jobs();
+  const int last = static_cast<int>(jobs.size()) - 1;
+  for (int i = last; i >= 0 && i > last - kMaxJobsSeen; --i) {
+    if (jobs[i].deleted || jobs[i].header.algorithm_version != kAlgorithmVersion || jobs[i].scene_files != files)
+      continue;
+    const size_t at = planned->size() - 1;
+    if (jobs[i].tasks.size() <= at) continue;
+    const JobTask& task = jobs[i].tasks[at];
+    if (task.state != TaskState::kSucceeded || task.plan.kind != kIngestKind || task.plan.parameters != parameters) {
+      continue;
+    }
+    for (const StoredFile& output : task.outputs) {
+      if (output.name == kSurveyFile) return KnownSurvey{jobs[i].header.name, output.digest()};
+    }
+  }
+  return std::nullopt;
 }
 
 bool Jobs::IsPublished(const Digest& digest) const {

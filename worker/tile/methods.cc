@@ -14,8 +14,6 @@ constexpr double kContour = 0.5;
 // larger `flat` worsens both; a factor of 4 in `rough` makes no significant difference. The cost is some accuracy in
 // tree crowns.
 constexpr CreaseWeights kCreases = {0.12, 1.3, 4};
-constexpr double kPaperSemantic = 0.1, kPaperInter = 0.1;
-constexpr double kPaperLabelSmoothness = 0.5;  // μ2 of the paper
 
 template <class Value, class Option>
 void Override(const std::optional<Value>& value, Option* option) {
