@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "common/s3/s3_location.h"
 #include "common/scene/mesh_sample.h"
 #include "server/tiling/quote.h"
 #include "server/tiling/rough_quote.h"

@@ -14,6 +14,7 @@
 #include "absl/strings/strip.h"
 #include "common/base/clock.h"
 #include "common/exporting/export_format.h"
+#include "common/job/task_parameters.h"
 #include "common/s3/s3_location.h"
 #include "common/storage/files.h"
 #include "server/cli/commands.h"
@@ -69,10 +70,7 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
 // Whether the report of a job that succeeded says that its result fits worse than its start. False if it has no report,
 // or the report is no longer stored.
 StatusOr<bool> HasWorseResult(Connection& connection, v1::Job job) {
-  auto& artifacts = *job.mutable_artifacts();
-  artifacts.erase(std::remove_if(artifacts.begin(), artifacts.end(),
-                                 [](const v1::Artifact& artifact) { return artifact.name() != "report.json"; }),
-                  artifacts.end());
+  TESSERA_RETURN_IF_ERROR(TakeArtifacts(connection, kReportFile, &job));
   TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "tessera-watch-"));
   const Status fetched = FetchArtifacts(connection, job, folder.path(), folder.path() + "/.fetch", {}).status();
   if (absl::IsNotFound(fetched)) return false;

@@ -50,12 +50,14 @@ StatusOr<int> FetchResults(Connection& connection, const FetchFlags& flags) {
     return absl::FailedPreconditionError(job.name() + " is " + JobStateName(job.state()) +
                                          " and has no result yet; wait for it with: tessera watch " + job.name());
   }
+  TESSERA_RETURN_IF_ERROR(TakeArtifacts(connection, "", &job));
   if (job.artifacts_size() == 0) {
     return absl::FailedPreconditionError(job.name() + " is " + JobStateName(job.state()) + " and has no result");
   }
   std::vector<TileFileChange> changes;
   if (!flags.changed_since.empty()) {
     TESSERA_RETURN_IF_ERROR(connection.GetJob(FullJobName(flags.changed_since), &base));
+    TESSERA_RETURN_IF_ERROR(TakeArtifacts(connection, "", &base));
     TESSERA_ASSIGN_OR_RETURN(changes, RemoveUnchanged(base, &job));
   }
   const std::string out = AbsolutePath(flags.out);

@@ -10,6 +10,7 @@
 #include "common/storage/folder_blobs.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
+#include "server/client/artifacts.h"
 #include "server/client/base_job.h"
 #include "server/client/connection.h"
 #include "server/client/interrupt.h"
@@ -54,6 +55,7 @@ class Reader {
       return absl::FailedPreconditionError(name + " is " + JobStateName(job.state()) +
                                            ", expected a job that succeeded: lineage describes results");
     }
+    TESSERA_RETURN_IF_ERROR(TakeArtifacts(connection_, "", &job));
     TESSERA_ASSIGN_OR_RETURN(const std::string report, Artifact(job, "job.json"));
     TESSERA_ASSIGN_OR_RETURN(const std::string update, Artifact(job, kUpdateFile));
     TESSERA_ASSIGN_OR_RETURN(LineageJob parsed, ParseLineageJob(report, update));

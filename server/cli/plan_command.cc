@@ -118,7 +118,8 @@ StatusOr<std::string> ComputeSurvey(const PlanFlags& flags) {
 }
 
 // The content of a file that the job published.
-StatusOr<std::string> FetchFile(Connection& connection, const v1::Job& job, const std::string& name) {
+StatusOr<std::string> FetchFile(Connection& connection, v1::Job job, const std::string& name) {
+  TESSERA_RETURN_IF_ERROR(TakeArtifacts(connection, name, &job));
   TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "tessera-plan-"));
   TESSERA_RETURN_IF_ERROR(
       FetchArtifacts(connection, job, folder.path() + "/out", folder.path() + "/fetch", TaskControl()).status());

@@ -53,6 +53,21 @@ Status MoveInto(const std::string& from, const std::string& path) {
 
 }  // namespace
 
+Status TakeArtifacts(Connection& connection, const std::string& prefix, v1::Job* job) {
+  if (job->artifacts_size() < job->artifacts_total()) {
+    v1::ListArtifactsResponse all;
+    TESSERA_RETURN_IF_ERROR(connection.ListArtifacts(job->name(), prefix, &all));
+    job->mutable_artifacts()->Swap(all.mutable_artifacts());
+  } else {
+    auto& artifacts = *job->mutable_artifacts();
+    artifacts.erase(std::remove_if(artifacts.begin(), artifacts.end(),
+                                   [&](const v1::Artifact& each) { return !each.name().starts_with(prefix); }),
+                    artifacts.end());
+  }
+  job->set_artifacts_total(job->artifacts_size());
+  return absl::OkStatus();
+}
+
 StatusOr<std::vector<std::string>> FetchArtifacts(Connection& connection, const v1::Job& job, const std::string& out,
                                                   const std::string& staging, const TaskControl& control) {
   std::vector<Artifact> artifacts, archives;

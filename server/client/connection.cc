@@ -160,6 +160,14 @@ Status Connection::ListAttempts(const std::string& job, v1::ListAttemptsResponse
   return impl_->List(*impl_->jobs, &v1::Jobs::Stub::ListAttempts, std::move(request), attempts);
 }
 
+Status Connection::ListArtifacts(const std::string& job, const std::string& prefix,
+                                 v1::ListArtifactsResponse* artifacts) {
+  v1::ListArtifactsRequest request;
+  request.set_parent(job);
+  request.set_name_prefix(prefix);
+  return impl_->List(*impl_->jobs, &v1::Jobs::Stub::ListArtifacts, std::move(request), artifacts);
+}
+
 Status Connection::ListWorkers(v1::ListWorkersResponse* workers) {
   return impl_->List(*impl_->workers, &v1::Workers::Stub::ListWorkers, v1::ListWorkersRequest(), workers);
 }

@@ -19,6 +19,7 @@ class ExportJobRequest;
 class GetDemandRequest;
 class GetDemandResponse;
 class Job;
+class ListArtifactsResponse;
 class ListAttemptsResponse;
 class ListJobsResponse;
 class ListTasksResponse;
@@ -52,6 +53,8 @@ class Connection {
   Status ListTasks(const std::string& job, v1::ListTasksResponse* tasks);
   // All attempts of the tasks of a job.
   Status ListAttempts(const std::string& job, v1::ListAttemptsResponse* attempts);
+  // All published files of a job whose names start with `prefix`.
+  Status ListArtifacts(const std::string& job, const std::string& prefix, v1::ListArtifactsResponse* artifacts);
   Status ListWorkers(v1::ListWorkersResponse* workers);
   Status GetDemand(const v1::GetDemandRequest& request, v1::GetDemandResponse* demand);
   // Whether the job cannot be planned for its input, or a task failed permanently because its input is wrong; false if

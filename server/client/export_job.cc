@@ -24,8 +24,8 @@ StatusOr<std::vector<std::string>> FetchExports(Connection& connection, const st
   v1::Job job, exports;
   TESSERA_RETURN_IF_ERROR(connection.GetJob(name, &job));
   const std::string folder = kExportFolder;
+  TESSERA_RETURN_IF_ERROR(TakeArtifacts(connection, folder, &job));
   for (const v1::Artifact& artifact : job.artifacts()) {
-    if (!artifact.name().starts_with(folder)) continue;
     v1::Artifact& added = *exports.add_artifacts();
     added = artifact;
     added.set_name(artifact.name().substr(folder.size()));

@@ -70,6 +70,8 @@ struct LocalJob::Impl {
       TESSERA_RETURN_IF_ERROR(WriteTimeline(*connection, job.name(), SystemClock(), timeline));
     }
     if (!HasResult(job.state())) return absl::OkStatus();
+    TESSERA_RETURN_IF_ERROR(TakeArtifacts(*connection, "", &job));
+    Update([&](LocalJobState& to) { to.job = std::make_shared<v1::Job>(job); });
     TaskControl control;
     control.cancelled = [this] { return broken_off.load(); };
     return FetchArtifacts(*connection, job, out, staging, control).status();

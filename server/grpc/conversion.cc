@@ -14,7 +14,7 @@ constexpr int kMaxLostInputs = 1000;
 std::string Cut(const std::string& text, size_t max_bytes) { return std::string(Prefix(text, max_bytes)); }
 
 // The client is the name of a token, which has no colon, or an address.
-std::string OwnerOf(const std::string& client) { return client.find(':') == std::string::npos ? client : ""; }
+std::string TokenNameOf(const std::string& client) { return client.find(':') == std::string::npos ? client : ""; }
 
 google::protobuf::Timestamp ToTimestamp(int64_t time_us) {
   google::protobuf::Timestamp time;
@@ -71,7 +71,7 @@ void ToProto(const JobStatus& status, v1::Job* proto) {
   proto->set_core_seconds(status.core_seconds);
   proto->set_predicted_core_seconds(status.predicted_core_seconds);
   proto->set_stage(status.stage);
-  proto->set_owner(OwnerOf(header.client));
+  proto->set_owner(TokenNameOf(header.client));
   AddFiles(status.artifacts, proto->mutable_artifacts());
   proto->set_artifacts_total(status.artifacts_total);
   for (const std::string& warning : header.warnings) {

@@ -1,10 +1,11 @@
 // Certificates that are renewed while a coordinator and its callers run.
+#include "common/access/certificates.h"
+
 #include <gmock/gmock.h>
 
 #include <chrono>
 #include <thread>
 
-#include "common/access/certificates.h"
 #include "common/access/secrets.h"
 #include "tests/unit/server/grpc/raw_call.h"
 #include "tests/unit/server/grpc/server_fixture.h"
@@ -135,8 +136,8 @@ TEST_F(CertificatesTest, IncompleteFilesAreRefusedAtStartWithFileAndReason) {
     return std::string(status.message());
   };
   Write("server.key", other.key_pem);
-  EXPECT_EQ(refusal(), File("server.key") + ": found another key, expected the key of the certificate in " +
-                           File("server.pem"));
+  EXPECT_EQ(refusal(),
+            File("server.key") + ": found another key, expected the key of the certificate in " + File("server.pem"));
   WritePair("server", made);
   Write("server.key", made.key_pem.substr(0, 80));
   EXPECT_THAT(refusal(), testing::StartsWith(File("server.key") + ": found no complete private key, expected"));

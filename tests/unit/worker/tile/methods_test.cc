@@ -107,6 +107,36 @@ TEST(Methods, StandardSettingsEqualTheMethodsDefaults) {
   EXPECT_EQ(LabelsFirst("tessera", standard), LabelsFirst("tessera"));
 }
 
+// Forms show these defaults.
+TEST(Methods, StatedDefaultsEqualUnsetSettings) {
+  for (const char* const method : kMethods) {
+    MethodSettings stated;
+    for (const auto& setting : RealSettings()) {
+      if (const auto text = MethodDefault(setting.name, method)) stated.*setting.value = std::stod(*text);
+    }
+    for (const auto& setting : WholeSettings()) {
+      if (const auto text = MethodDefault(setting.name, method)) stated.*setting.value = std::stoi(*text);
+    }
+    for (const BoolSetting& setting : BoolSettings()) {
+      if (const auto text = MethodDefault(setting.name, method)) stated.*setting.value = *text == "true";
+    }
+    const TileRefineOptions unset = OptionsOf(method), set = OptionsOf(method, stated);
+    EXPECT_EQ(set.data.semantic, unset.data.semantic) << method;
+    EXPECT_EQ(set.step.thin_plate, unset.step.thin_plate) << method;
+    EXPECT_EQ(set.step.inter, unset.step.inter) << method;
+    EXPECT_EQ(set.data.contour, unset.data.contour) << method;
+    EXPECT_EQ(set.label.prior_weight, unset.label.prior_weight) << method;
+    EXPECT_EQ(set.label.smoothness_weight, unset.label.smoothness_weight) << method;
+    EXPECT_EQ(set.step.max_step_px, unset.step.max_step_px) << method;
+    EXPECT_EQ(set.data.window_px, unset.data.window_px) << method;
+    EXPECT_EQ(LabelsFirst(method, stated), LabelsFirst(method)) << method;
+    EXPECT_EQ(MethodRulesOf(method, 0, stated).flips_edges, MethodRulesOf(method, 0, {}).flips_edges) << method;
+  }
+  EXPECT_EQ(MethodDefault("levels", "tessera"), "2,1,0");
+  EXPECT_EQ(MethodDefault("semantic", "baseline"), std::nullopt);
+  EXPECT_EQ(MethodDefault("nonsense", "tessera"), std::nullopt);
+}
+
 TEST(Methods, SettingsOverrideTheMethod) {
   MethodSettings settings;
   settings.semantic = 11;
