@@ -27,6 +27,7 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
   outcome.outputs = {kStateFile};
   if (refinement.left_faces > 0) outcome.warnings.push_back(FoldWarning(work.package().tile, refinement.left_faces));
   nlohmann::json stats = nlohmann::json::parse(refinement.state.report);
+  stats["mean_confidence"] = MeanConfidence(refinement.state);
   stats["seconds_loading"] = seconds_loading + refinement.seconds_loading;
   stats["seconds_visibility"] = refinement.seconds_visibility;
   stats["seconds_data"] = refinement.seconds_data;

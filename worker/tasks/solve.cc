@@ -19,7 +19,8 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
   TESSERA_ASSIGN_OR_RETURN(const StepSums sums, AssembleSums(*task.work, tiles, task.at, task.snapshot));
   Solve(*task.work, task.at, sums, task.options, &task.snapshot);
   control.Report(0.95, "writing the state");
-  TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), task.work->StateOf(task.snapshot)));
+  const TileState state = task.work->StateOf(task.snapshot);
+  TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), state));
   TaskOutcome outcome;
   outcome.outputs = {kStateFile};
   outcome.warnings = SeamWarnings(task.work->package().tile, task.snapshot);
@@ -29,6 +30,7 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
                      {"compared_vertices", task.snapshot.compared},
                      {"different_vertices", task.snapshot.different},
                      {"farthest_m", task.snapshot.farthest_m},
+                     {"mean_confidence", MeanConfidence(state)},
                      {"seconds", SecondsSince(clock, start_us)}}
           .dump();
   return outcome;

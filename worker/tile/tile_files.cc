@@ -298,6 +298,16 @@ StatusOr<TileSums> ReadTileSums(const std::string& path) {
   return s;
 }
 
+double MeanConfidence(const TileState& state) {
+  double sum = 0;
+  int64_t count = 0;
+  for (const float confidence : state.confidence) {
+    sum += confidence;
+    count += confidence > 0;
+  }
+  return count > 0 ? sum / static_cast<double>(count) : 0;
+}
+
 Status WriteTileState(const std::string& path, const TileState& s) {
   ArrayFile file;
   file.metadata =

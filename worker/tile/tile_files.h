@@ -109,6 +109,9 @@ struct TileState {
   std::string report = "{}";      // JSON for the job's report; deterministic, without times
 };
 
+// Mean of the confidences above 0; 0 if there is none. For statistics.
+double MeanConfidence(const TileState& state);
+
 Status WriteTileState(const std::string& path, const TileState& state);
 
 // A view of a state.

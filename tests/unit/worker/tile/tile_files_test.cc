@@ -185,6 +185,13 @@ TEST(TileFiles, SumsRoundTrip) {
   EXPECT_EQ(ReadTileSums(path).status().code(), absl::StatusCode::kDataLoss) << "a contour of an unknown face";
 }
 
+TEST(TileFiles, FacesWithoutConfidenceDoNotLowerTheMean) {
+  TileState state;
+  EXPECT_EQ(MeanConfidence(state), 0);
+  state.confidence = {0, 0.5f, 1, 0};
+  EXPECT_EQ(MeanConfidence(state), 0.75);
+}
+
 TEST(TileFiles, StateRoundTrip) {
   TileState s;
   s.tile = 4;
