@@ -45,8 +45,8 @@ void AddErrors(const JobTask& task, std::vector<std::string>* reasons) {
   }
   // A task may fail without an attempt of its own: an input could not be recomputed.
   if (reasons->empty() && task.error->error_class != ErrorClass::kNone) {
-    reasons->push_back(CutReason(absl::StrCat("failed (", ErrorClassName(task.error->error_class),
-                                              "): ", task.error->message)));
+    reasons->push_back(
+        CutReason(absl::StrCat("failed (", ErrorClassName(task.error->error_class), "): ", task.error->message)));
   }
 }
 
@@ -67,6 +67,19 @@ void AddMissing(const Job& job, const JobTask& task, TileStatus* status) {
     if (status->waits_for.size() < kMaxWaitsFor) status->waits_for.push_back(tile);
   }
   if (!others.empty()) status->reasons.push_back(CutReason(others));
+}
+
+// The statistics of the task; if its result was reused, of the task that made it.
+std::string StatsOf(const Ledger& ledger, const JobTask& task) {
+  constexpr int kMostSteps = 8;
+  const JobTask* made = &task;
+  for (int i = 0; i < kMostSteps && made->reused; ++i) {
+    const TaskRef older = made->older_with_key;  // may be of a deleted job if the result was forgotten
+    if (older.job < 0 || ledger.jobs()[older.job].deleted) return "";
+    if (older.task >= static_cast<int>(ledger.jobs()[older.job].tasks.size())) return "";
+    made = &ledger.task(older);
+  }
+  return made->stats;
 }
 
 }  // namespace
@@ -119,7 +132,7 @@ TileStatus StatusOfTile(const Ledger& ledger, int index, int tile, const LeaseTa
     if (status.state == TileProgress::kReady && !job_waits_for.empty()) status.reasons.push_back(job_waits_for);
     status.reasons.resize(std::min(status.reasons.size(), kMaxTileReasons));
   } else if (!totals.tasks.empty()) {
-    status.last_stats = job.tasks[totals.tasks.back()].stats;
+    status.last_stats = StatsOf(ledger, job.tasks[totals.tasks.back()]);
   }
   if (status.state == TileProgress::kDone) {
     status.progress = 1;

@@ -143,6 +143,22 @@ class AccessControlTest : public ServerTest {
   std::unique_ptr<Access> access_;
 };
 
+TEST_F(AccessControlTest, TheOwnerOfAJobIsTheTokenThatCreatedIt) {
+  v1::CreateJobRequest request;
+  request.set_scene_path(scene_);
+  request.mutable_settings()->set_tiles(2);
+  std::string answer;
+  ASSERT_TRUE(Call("/tessera.v1.Jobs/CreateJob", request.SerializeAsString(), TokenOf("submitter"), &answer).ok());
+  v1::Job job;
+  ASSERT_TRUE(job.ParseFromString(answer));
+  EXPECT_EQ(job.owner(), "a-submitter");
+  v1::GetJobRequest get;
+  get.set_name(job.name());
+  ASSERT_TRUE(Call("/tessera.v1.Jobs/GetJob", get.SerializeAsString(), TokenOf("viewer"), &answer).ok());
+  ASSERT_TRUE(job.ParseFromString(answer));
+  EXPECT_EQ(job.owner(), "a-submitter");
+}
+
 TEST_F(AccessControlTest, EveryServedMethodHasAnAccessRule) {
   const std::vector<std::string> served = ServedMethods();
   EXPECT_EQ(served.size(), kMayCall.size());

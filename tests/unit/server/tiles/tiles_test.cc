@@ -151,11 +151,12 @@ TEST_F(TilesTest, ErrorsAreToldNewestFirst) {
   const std::string worker = Worker();
   auto lease = WorkUntil(worker, "solve tile 0 step 0");
   ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kInternal).ok());
-  clock_.Advance(3600);
+  clock_.Advance(3600);  // past the delay of the retry
   ASSERT_TRUE(coordinator_->Tick().ok());
-  lease = WorkUntil(worker, "solve tile 0 step 0");
+  const std::string other = Worker();  // the first one is forgotten
+  lease = WorkUntil(other, "solve tile 0 step 0");
   ASSERT_TRUE(lease);
-  ASSERT_TRUE(Settled(ReportFailureAndWait(*coordinator_, worker, lease->task, lease->attempt,
+  ASSERT_TRUE(Settled(ReportFailureAndWait(*coordinator_, other, lease->task, lease->attempt,
                                            {ErrorClass::kTransient, std::string(5000, 'x') + "\n"}))
                   .ok());
   const std::vector<ListedTile> tiles = List(job);
@@ -191,8 +192,8 @@ TEST_F(TilesTest, AQuarantinedTileNamesTheFailedTask) {
 
 TEST_F(TilesTest, AFailedJobHasAFailedTileAndCancelledOnes) {
   const std::string job = CreateOnMap(2);
-  const std::string worker = Worker();
   for (int attempt = 0; attempt < 2; ++attempt) {  // faults of the input are confirmed once
+    const std::string worker = Worker();
     const auto lease = WorkUntil(worker, "solve tile 0 step 0");
     ASSERT_TRUE(lease);
     ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kInput).ok());
@@ -256,7 +257,8 @@ TEST_F(TilesTest, WithoutItsSurveyAJobStillHasStates) {
   Reopen();  // forgets the map
   const std::string content = SurveyToJson(survey_);
   int removed = 0;
-  for (const std::string& name : *ListFiles(blobs_->root())) {
+  const std::vector<std::string> names = *ListFiles(blobs_->root());
+  for (const std::string& name : names) {
     const std::string path = blobs_->root() + "/" + name;
     if (*ReadFile(path) != content) continue;
     ASSERT_TRUE(RemoveTree(path).ok());
