@@ -135,4 +135,9 @@ const std::shared_ptr<grpc::experimental::CertificateProviderInterface>& TlsCert
   return impl_->provider;
 }
 
+TlsTexts TlsCertificates::texts() const {
+  std::lock_guard lock(impl_->mutex);
+  return {impl_->own_content, impl_->trusted_content};
+}
+
 }  // namespace tessera

@@ -17,6 +17,12 @@ struct TlsFiles {
   std::string certificate, key, authorities;
 };
 
+// PEM texts in use. `own`: the key, then the certificate.
+struct TlsTexts {
+  std::string own, authorities;
+  bool operator==(const TlsTexts&) const = default;
+};
+
 // Reads the files again every second. New connections use the renewed content, also of another authority; connections
 // that exist go on. A certificate and its key are replaced together, once both files are complete and match; until then
 // the previous pair is used, and the log says why. The same holds for the authorities. Thread-safe.
@@ -31,6 +37,8 @@ class TlsCertificates {
 
   // For the credentials of a channel or a server, which this object must outlive.
   const std::shared_ptr<grpc::experimental::CertificateProviderInterface>& provider() const;
+  // For servers of other libraries.
+  TlsTexts texts() const;
 
  private:
   struct Impl;

@@ -81,24 +81,10 @@ class Gate final : public grpc::AuthMetadataProcessor {
     const auto authorization = Single(metadata, "authorization");
     const Caller caller = access_.Identify(socket_ ? "unix:" : "", authorization);
     const std::string method = Single(metadata, ":path").value_or("");
-    const Status status = access_.Check(method, caller, authorization.has_value());
-    if (!status.ok() && IsAudited(method)) Audit(method, caller, status);
-    return ToGrpc(status);
+    return ToGrpc(access_.Admit(method, caller, authorization.has_value(), ""));
   }
 
  private:
-  // Interceptors do not see calls that are refused here. The rate limit keeps an attacker from filling the disk.
-  void Audit(const std::string& method, const Caller& caller, const Status& status) {
-    const int64_t second =
-        std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
-    if (audit_second_.exchange(second) != second) audits_ = 0;
-    if (++audits_ > kMaxAuditsPerSecond) return;
-    LogAudit(method, "", caller.name, std::string(absl::StatusCodeToString(status.code())),
-             std::string(status.message()), {});
-  }
-
-  std::atomic<int64_t> audit_second_ = 0;  // the second that audits_ counts
-  std::atomic<int> audits_ = 0;
   const Access& access_;
   const bool socket_;
 };
@@ -109,6 +95,9 @@ std::optional<RoleSet> RolesFor(const std::string& method) {
   const auto rule = Rules().find(method);
   return rule == Rules().end() ? std::nullopt : std::optional<RoleSet>(rule->second);
 }
+
+Access::Access(const std::string& worker_key, const std::string& token_file, const Clock* clock)
+    : worker_key_(worker_key), token_file_(token_file), clock_(clock), forwarding_key_(RandomSecret()) {}
 
 StatusOr<std::unique_ptr<Access>> Access::Open(const std::string& worker_key, const std::string& token_file,
                                                const Clock* clock) {
@@ -141,7 +130,7 @@ Caller Access::Identify(const std::string& peer, const std::optional<std::string
 
 Caller Access::CallerOf(const grpc::ServerContextBase& context) const {
   const auto& metadata = context.client_metadata();
-  const std::string peer = context.peer();
+  const std::string peer = PeerOf(context);
   Caller caller = Identify(peer, Single(metadata, "authorization"));
   caller.client = caller.name.empty() ? peer.substr(0, peer.rfind(':')) : caller.name;
   const auto worker = Single(metadata, kWorkerMetadata), secret = Single(metadata, kWorkerSecretMetadata);
@@ -159,6 +148,31 @@ Status Access::Check(const std::string& method, const Caller& caller, bool has_t
   const auto roles = RolesFor(method);
   if (roles && (caller.roles & *roles) != 0) return absl::OkStatus();
   return absl::PermissionDeniedError("permission denied: '" + caller.name + "' has no role that may call " + method);
+}
+
+Status Access::Admit(const std::string& method, const Caller& caller, bool has_token, const std::string& peer) const {
+  const Status status = Check(method, caller, has_token);
+  if (status.ok() || !IsAudited(method)) return status;
+  // Interceptors do not see calls that are refused here. The rate limit keeps an attacker from filling the disk.
+  const int64_t second =
+      std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
+  if (audit_second_.exchange(second) != second) audits_ = 0;
+  if (++audits_ <= kMaxAuditsPerSecond) {
+    LogAudit(method, peer, caller.name, std::string(absl::StatusCodeToString(status.code())),
+             std::string(status.message()), {});
+  }
+  return status;
+}
+
+std::string Access::ForwardedPeer(const std::string& peer) const { return forwarding_key_ + " " + peer; }
+
+std::string Access::PeerOf(const grpc::ServerContextBase& context) const {
+  const auto forwarded = Single(context.client_metadata(), kForwardedPeerMetadata);
+  const size_t space = forwarded ? forwarded->find(' ') : std::string::npos;
+  if (space == std::string::npos || !SameSecret(forwarded->substr(0, space), forwarding_key_)) return context.peer();
+  const std::string peer = forwarded->substr(space + 1);
+  // Never the owner's socket, whose callers need no token.
+  return peer.starts_with("unix:") ? "" : peer;
 }
 
 std::shared_ptr<grpc::AuthMetadataProcessor> Access::Processor(bool socket) const {

@@ -35,6 +35,8 @@ struct Caller {
   bool Has(Role role) const { return (roles & static_cast<unsigned>(role)) != 0; }
 };
 
+inline constexpr char kForwardedPeerMetadata[] = "tessera-forwarded-peer";
+
 // The roles that may call a method such as "/tessera.v1.Jobs/GetJob"; nullopt: the method is not served.
 std::optional<RoleSet> RolesFor(const std::string& method);
 
@@ -58,6 +60,14 @@ class Access {
 
   // OK, UNAUTHENTICATED or PERMISSION_DENIED. The message does not reveal whether a resource exists.
   Status Check(const std::string& method, const Caller& caller, bool has_token) const;
+  // The same; also audits a refused call that would change something, at a limited rate. `peer` may be empty.
+  Status Admit(const std::string& method, const Caller& caller, bool has_token, const std::string& peer) const;
+
+  // Value of the metadata key kForwardedPeerMetadata with which a part of this process makes a call for the caller at
+  // `peer`, an address as gRPC writes it. No other process can make such a value.
+  std::string ForwardedPeer(const std::string& peer) const;
+  // The caller's address: the forwarded one, if this process made the call for another caller.
+  std::string PeerOf(const grpc::ServerContextBase& context) const;
 
   // Runs Check for every call of a listener. `socket`: the listener is a Unix socket. Must not outlive this.
   std::shared_ptr<grpc::AuthMetadataProcessor> Processor(bool socket) const;
@@ -68,13 +78,15 @@ class Access {
   static Status CheckWorker(const Caller& caller, const std::string& worker);
 
  private:
-  Access(const std::string& worker_key, const std::string& token_file, const Clock* clock)
-      : worker_key_(worker_key), token_file_(token_file), clock_(clock) {}
+  Access(const std::string& worker_key, const std::string& token_file, const Clock* clock);
 
   const std::string worker_key_;
   const std::string token_file_;
   const Clock* const clock_;
   std::atomic<std::shared_ptr<const TokenTable>> tokens_ = std::make_shared<const TokenTable>();
+  const std::string forwarding_key_;               // of this process
+  mutable std::atomic<int64_t> audit_second_ = 0;  // the second that audits_ counts
+  mutable std::atomic<int> audits_ = 0;
   std::optional<FileStamp> stamp_;  // of the file when it was last read; used by Refresh only
 };
 

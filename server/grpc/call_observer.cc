@@ -81,7 +81,7 @@ class CallObserver final : public grpc::experimental::Interceptor {
     LogFields what = asked_.value_or(LogFields());
     if (status.ok()) what.insert(what.begin(), made_.begin(), made_.end());
     const grpc::ServerContextBase& context = *info_.server_context();
-    LogAudit(method_, context.peer(), access_.CallerOf(context).name, RpcCounts::CodeName(status.error_code()),
+    LogAudit(method_, access_.PeerOf(context), access_.CallerOf(context).name, RpcCounts::CodeName(status.error_code()),
              status.error_message(), what);
   }
 

@@ -22,6 +22,7 @@
 #include "common/rpc/tls_certificates.h"
 #include "common/storage/files.h"
 #include "server/grpc/call_observer.h"
+#include "server/grpc/local_calls.h"
 #include "server/grpc/services.h"
 
 namespace tessera {
@@ -120,6 +121,7 @@ struct CoordinatorServer::Impl {
   bool draining = false;
   std::optional<bool> serving;  // last state set in the health service; unset: none yet
   std::unique_ptr<grpc::Server> server;
+  std::unique_ptr<LocalCalls> local_calls;  // after `server`, which it uses
 };
 
 CoordinatorServer::CoordinatorServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -134,9 +136,9 @@ Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens) {
     return absl::InvalidArgumentError(
         "--tls-ca: found no --tls-cert and --tls-key, expected both: client certificates need TLS");
   }
-  for (const std::string& address : options.addresses) {
+  const auto check = [&](const std::string& option, const std::string& address) -> Status {
     TESSERA_RETURN_IF_ERROR(CheckAddress(address));
-    if (IsLocalAddress(address)) continue;
+    if (IsLocalAddress(address)) return absl::OkStatus();
     const bool tls = !options.tls_cert.empty();
     if (asks_for_tokens && !tls) {
       return absl::InvalidArgumentError("tokens on " + address +
@@ -144,10 +146,19 @@ Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens) {
     }
     if (!options.insecure && !asks_for_tokens) {
       return absl::InvalidArgumentError(
-          "--listen " + address +
+          option + " " + address +
           ": found a network address without authentication, expected --tls-cert, --tls-key and --token-file "
           "(`tessera access` creates them), or --insecure if only trusted callers can reach it");
     }
+    return absl::OkStatus();
+  };
+  for (const std::string& address : options.addresses) TESSERA_RETURN_IF_ERROR(check("--listen", address));
+  if (!options.http.empty()) {
+    if (IsSocketAddress(options.http)) {
+      return absl::InvalidArgumentError("--http: found '" + options.http +
+                                        "', expected HOST:PORT as in 127.0.0.1:8080");
+    }
+    TESSERA_RETURN_IF_ERROR(check("--http", options.http));
   }
   if (!options.metrics.empty() && !IsLocalAddress(options.metrics) && !options.open_metrics) {
     return absl::InvalidArgumentError(
@@ -217,6 +228,9 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
     impl->addresses.push_back(
         IsSocketAddress(address) ? address : address.substr(0, address.rfind(':') + 1) + std::to_string(ports[i]));
   }
+  grpc::ChannelArguments local;
+  local.SetMaxReceiveMessageSize(-1);  // services limit the size of answers themselves
+  impl->local_calls = std::make_unique<LocalCalls>(impl->server->InProcessChannel(local), services.access);
   std::unique_ptr<CoordinatorServer> server(new CoordinatorServer(std::move(impl)));
   server->Tick();
   return server;
@@ -226,6 +240,10 @@ CoordinatorServer::~CoordinatorServer() { Shutdown(0); }
 
 const std::string& CoordinatorServer::address() const { return impl_->addresses.front(); }
 const std::vector<std::string>& CoordinatorServer::addresses() const { return impl_->addresses; }
+
+LocalCalls& CoordinatorServer::local_calls() { return *impl_->local_calls; }
+std::shared_ptr<TlsCertificates> CoordinatorServer::certificates() const { return impl_->certificates; }
+const Access& CoordinatorServer::access() const { return *impl_->environment.access; }
 
 const RpcCounts& CoordinatorServer::rpc_counts() const { return impl_->rpcs; }
 
@@ -247,6 +265,7 @@ void CoordinatorServer::Shutdown(double grace_s) {
   if (impl_->server == nullptr) return;
   impl_->SetServing(false);
   impl_->environment.coordinator->core().Stop();
+  impl_->local_calls->Stop();
   impl_->server->Shutdown(std::chrono::system_clock::now() +
                           std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));
   impl_->server->Wait();

@@ -19,6 +19,9 @@
 
 namespace tessera {
 
+class LocalCalls;
+class TlsCertificates;
+
 // Dependencies of the services. All must outlive the server.
 struct ServerEnvironment {
   Coordinator* coordinator = nullptr;
@@ -55,6 +58,7 @@ struct ListenOptions {
   // HOST:PORT of the metrics, served without authentication; empty: none. A network address needs `open_metrics`.
   std::string metrics;
   bool open_metrics = false;
+  std::string http;  // HOST:PORT of the page and its API (server/http); empty: none
 };
 
 // INVALID_ARGUMENT with advice if the options are inconsistent.
@@ -72,6 +76,11 @@ class CoordinatorServer {
   // The first address, with the bound port.
   const std::string& address() const;
   const std::vector<std::string>& addresses() const;
+  // Calls of these services from inside the process; stops with Shutdown.
+  LocalCalls& local_calls();
+  // Null without TLS.
+  std::shared_ptr<TlsCertificates> certificates() const;
+  const Access& access() const;
   // Counts of all calls since the start.
   const RpcCounts& rpc_counts() const;
   // Updates the health service: NOT_SERVING while journal writes fail or the coordinator drains, else SERVING. Aborts

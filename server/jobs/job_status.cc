@@ -61,9 +61,9 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   JobStatus status;
   status.header = job.header;
   status.artifacts_total = static_cast<int>(job.artifacts.size());
-  status.artifacts.assign(job.artifacts.begin(),
-                          job.artifacts.begin() + static_cast<std::ptrdiff_t>(
-                                                      std::min(job.artifacts.size(), kMaxShownArtifacts)));
+  status.artifacts.assign(
+      job.artifacts.begin(),
+      job.artifacts.begin() + static_cast<std::ptrdiff_t>(std::min(job.artifacts.size(), kMaxShownArtifacts)));
   for (const int index : job.totals.warned()) {
     for (const std::string& warning : *job.tasks[index].warnings) {  // ingest repeats those of the submission
       const Warnings& known = job.header.warnings;

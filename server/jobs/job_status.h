@@ -12,21 +12,21 @@ namespace tessera {
 inline constexpr size_t kMaxShownArtifacts = 1000;
 
 struct JobStatus {
-  JobHeader header;     // with the warnings of the job and its tasks
+  JobHeader header;                    // with the warnings of the job and its tasks
   std::vector<NamedDigest> artifacts;  // the first kMaxShownArtifacts
   int artifacts_total = 0;
   int tasks_total = 0;  // planned so far
   int tasks_done = 0;
   int tiles_total = 0;
-  int tiles_done = 0;       // refined
-  double progress = 0;      // in [0, 1], by predicted cost; never decreases
-  double eta_s = -1;        // negative: unknown, like the next two
+  int tiles_done = 0;   // refined
+  double progress = 0;  // in [0, 1], by predicted cost; never decreases
+  double eta_s = -1;    // negative: unknown, like the next two
   // Range of eta_s if the number of running tasks stays: kRefineSecondsInterval.
   double eta_low_s = -1, eta_high_s = -1;
   double core_seconds = 0;            // used by tasks that succeeded
   double predicted_core_seconds = 0;  // of all tasks planned so far
   std::string stage;                  // what it does, for people (StageText)
-  std::string waiting_for;  // why it makes no progress (WaitingFor)
+  std::string waiting_for;            // why it makes no progress (WaitingFor)
 };
 
 struct TaskStatus {

@@ -179,8 +179,8 @@ struct TileTotals {
   std::vector<int> tasks;  // indices in the job's list, ascending; without superseded and given ones
   int unfinished = 0;      // of `tasks`; a quarantined tile has one more
   int reused = 0;
-  int attempts = 0, failed_attempts = 0;  // also of superseded tasks
-  double core_seconds = 0;                // as in JobSums
+  int attempts = 0, failed_attempts = 0;                     // also of superseded tasks
+  double core_seconds = 0;                                   // as in JobSums
   double predicted_core_seconds = 0, done_core_seconds = 0;  // predicted: of all tasks, of those that succeeded
   int64_t peak_bytes = 0, predicted_peak_bytes = 0;          // largest of a task; 0: unknown
   // All of `tasks` before this position have succeeded. FirstOpen moves it.

@@ -14,6 +14,7 @@
 #include "common/log/log.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
+#include "server/http/http_server.h"
 #include "server/jobs/coordinator.h"
 #include "server/metrics/metrics_server.h"
 #include "server/retention/retention_loop.h"
@@ -71,9 +72,9 @@ RetentionOptions RetentionOptionsOf(const ServeOptions& options) {
 }
 
 // Warns about addresses that accept calls without a token.
-void WarnOfOpenAddresses(const CoordinatorServer& server, const Access& access) {
+void WarnOfOpenAddresses(const std::vector<std::string>& addresses, const Access& access) {
   if (access.asks_for_tokens()) return;
-  for (const std::string& address : server.addresses()) {
+  for (const std::string& address : addresses) {
     if (IsSocketAddress(address)) continue;
     LogWarning(IsLocalAddress(address) ? "no --token-file: every local user has all rights"
                                        : "--insecure: every caller that reaches this address has all rights",
@@ -204,13 +205,27 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
   const ServingMetrics serving(metrics,
                                {[&] { return SnapshotOf(coordinator->core()); }, [&] { return blobs->FreeSpace(); },
                                 &server->rpc_counts(), CountsOf(opened, scenes)});
-  if (!options.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(options.port_file, server->address() + "\n"));
+  std::unique_ptr<HttpServer> http;
+  if (!places.listen.http.empty()) {
+    const HttpOptions page = {
+        places.listen.http, places.listen.insecure, options.version, environment.before_reply, {}};
+    TESSERA_ASSIGN_OR_RETURN(http, HttpServer::Start(page, server.get()));
+  }
+  if (!options.port_file.empty()) {
+    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(
+        options.port_file, absl::StrCat(server->address(), "\n", http == nullptr ? "" : http->url() + "\n")));
+  }
   for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
-  WarnOfOpenAddresses(*server, *access);
-  LogInfo("coordinator started", {{"address", server->address()},
-                                  {"data", places.data},
-                                  {"state", store.Location()},
-                                  {"start", absl::StrCat(store.StartCount())}});
+  if (http != nullptr) std::cout << "page: " << http->url() << std::endl;
+  std::vector<std::string> addresses = server->addresses();
+  if (http != nullptr) addresses.push_back(http->address());
+  WarnOfOpenAddresses(addresses, *access);
+  LogFields started = {{"address", server->address()},
+                       {"data", places.data},
+                       {"state", store.Location()},
+                       {"start", absl::StrCat(store.StartCount())}};
+  if (http != nullptr) started.emplace_back("page", http->url());
+  LogInfo("coordinator started", started);
   NotifyReady();
   {
     const RetentionLoop retention(coordinator->core(), blobs, &clock, keeping);
@@ -221,6 +236,7 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
   LogInfo("coordinator drains", {{"seconds", absl::StrCat(drain_s)}});
   AwaitIdle(*server, drain_s, stop_signals);
   LogInfo("coordinator stops");
+  http.reset();
   server->Shutdown(kShutdownGrace_s);
   return absl::OkStatus();
 }

@@ -33,6 +33,7 @@ struct ServeOptions {
   ClientLimitOptions limits;
   double upload_gib = static_cast<double>(ClientLimitOptions().upload_bytes) / (int64_t{1} << 30);
   bool no_shared_storage = false;
+  std::string version;  // of the program
 };
 
 inline constexpr double kDrain_s = 5, kHandOver_s = 1;

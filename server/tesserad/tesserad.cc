@@ -107,6 +107,7 @@ int Main(int argc, char** argv) {
       "  tesserad --listen 0.0.0.0:7575 --tls-cert keys/server.pem --tls-key keys/server.key --token-file keys/tokens "
       "\\\n"
       "           --scene-root /srv/cities\n"
+      "  tesserad --data /srv/tessera --http 127.0.0.1:8080   (then open http://127.0.0.1:8080/)\n"
       "  tesserad --data /srv/tessera --backup state.backup\n"
       "  tesserad --data /var/tessera --state postgresql://db/tessera --blobs /shared/blobs --scene-root "
       "/shared/cities "
@@ -129,7 +130,14 @@ int Main(int argc, char** argv) {
       "--listen", flags.listen.addresses,
       "Addresses to listen on: HOST:PORT (port 0: any free port) or unix:PATH, whose users need no token (default "
       "unix:DATA/socket, for this user only)");
-  app.add_option("--tls-cert", flags.listen.tls_cert, "Certificate for every HOST:PORT, PEM")->type_name("FILE");
+  app.add_option(
+         "--http", flags.listen.http,
+         "Serve the page, and the API beneath it, at http://HOST:PORT/ (port 0: any free port), or https:// with "
+         "--tls-cert; log in with a token. Network addresses need --tls-cert, --tls-key and --token-file, as "
+         "those of --listen")
+      ->type_name("HOST:PORT");
+  app.add_option("--tls-cert", flags.listen.tls_cert, "Certificate for every HOST:PORT of --listen and --http, PEM")
+      ->type_name("FILE");
   app.add_option("--tls-key", flags.listen.tls_key, "Key of the certificate, PEM")->type_name("FILE");
   app.add_option("--tls-ca", flags.listen.tls_ca,
                  "Certificate authority, PEM: callers need one of its certificates as well as a token")
@@ -145,7 +153,8 @@ int Main(int argc, char** argv) {
          "s3://BUCKET/PREFIX, for scenes that tessera upload has sent. Without a folder, only jobs submitted through a "
          "Unix socket, with files owned by this user")
       ->type_name("FOLDER|URL");
-  app.add_option("--port-file", flags.port_file, "Write the bound HOST:PORT to this file");
+  app.add_option("--port-file", flags.port_file,
+                 "Write the bound HOST:PORT to this file, with --http the page's URL as second line");
   app.add_option("--metrics-listen", flags.listen.metrics,
                  "Serve Prometheus metrics at http://HOST:PORT/metrics, without authentication; network addresses need "
                  "--open-metrics");
@@ -207,6 +216,7 @@ int Main(int argc, char** argv) {
     std::cerr << "tesserad: " << status.message() << "\n";
     return 2;
   }
+  flags.version = TESSERA_VERSION;
   Status status;
   // The command line is in the list of processes.
   for (const std::string& url : {flags.state, flags.copy_state}) {

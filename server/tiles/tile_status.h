@@ -28,10 +28,10 @@ inline constexpr size_t kMaxTileReasons = 10, kMaxReasonBytes = 1 << 10, kMaxWai
 struct TileStatus {
   int tile = -1;
   TileProgress state = TileProgress::kWaiting;
-  int attempts = 0, failed_attempts = 0;                    // of all its tasks
-  double core_seconds = 0, predicted_core_seconds = 0;      // used by tasks that succeeded; predicted of all
-  int64_t peak_bytes = 0, predicted_peak_bytes = 0;         // largest of a task; 0: unknown
-  double progress = 0;                                      // in [0, 1], by predicted cost
+  int attempts = 0, failed_attempts = 0;                // of all its tasks
+  double core_seconds = 0, predicted_core_seconds = 0;  // used by tasks that succeeded; predicted of all
+  int64_t peak_bytes = 0, predicted_peak_bytes = 0;     // largest of a task; 0: unknown
+  double progress = 0;                                  // in [0, 1], by predicted cost
   int tasks_total = 0, tasks_done = 0, tasks_reused = 0;
   // The task that runs, else that failed permanently, else that comes next. Empty if the tile is done or kept.
   std::string task, title, worker, stage;

@@ -25,8 +25,8 @@ struct MapTile {
 };
 
 struct MapView {
-  std::string image;                         // path relative to the scene's folder
-  Eigen::Vector3d centre, direction;         // frame of the scene, metres; the optical axis as a unit vector
+  std::string image;                          // path relative to the scene's folder
+  Eigen::Vector3d centre, direction;          // frame of the scene, metres; the optical axis as a unit vector
   Eigen::Vector2d on_ground, ground_heading;  // the same two, projected to the ground plane
 };
 

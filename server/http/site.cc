@@ -1,0 +1,320 @@
+#include "server/http/site.h"
+
+#include <algorithm>
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "common/log/log.h"
+#include "server/http/page_answers.h"
+#include "server/http/transcoding.h"
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+namespace {
+
+using Steady = std::chrono::steady_clock;
+
+constexpr double kCall_s = 30, kSlowCall_s = 600;
+constexpr double kFirst_s = 10;    // longest wait for the first message of a watch
+constexpr double kUnseen_s = 0.3;  // a watch that has no news by then is unchanged
+constexpr double kTick_s = 1;      // between two checks of a stream's visitor and connection
+constexpr double kPing_s = 15;
+constexpr size_t kMostAtOnceBytes = 16 << 10;  // of an answer that the receiving thread compresses and copies
+constexpr size_t kMaxTokenBytes = 4 << 10, kLeastGzipBytes = 1 << 10;
+
+constexpr char kPolicy[] =
+    "default-src 'self'; img-src 'self' data: blob:; connect-src 'self'; worker-src 'self' blob:; style-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'self'";
+
+std::string SessionCookie(const std::string& id, bool tls) {
+  return absl::StrCat("tessera_session=", id, "; HttpOnly; SameSite=Strict; Path=/", tls ? "; Secure" : "",
+                      id.empty() ? "; Max-Age=0" : "");
+}
+
+Status NoSession() { return absl::UnauthenticatedError("unauthenticated: log in with a token"); }
+
+WebAnswer NotFound() { return ErrorAnswer(404, "NOT_FOUND", "no such path"); }
+
+std::string QuotedEtag(const std::string& etag) { return absl::StrCat("\"", etag, "\""); }
+
+bool AcceptsGzip(const WebRequest& request) {
+  const std::string accepted = request.Header("Accept-Encoding").value_or("");
+  return absl::StrContains(accepted, "gzip") && !absl::StrContains(accepted, "gzip;q=0");
+}
+
+// A shared answer for one visitor: 304 if the visitor has it.
+WebAnswer AnswerWith(const WebRequest& request, const SharedAnswer& shared) {
+  WebAnswer answer = JsonAnswer("");
+  answer.headers.emplace_back("ETag", QuotedEtag(shared.etag()));
+  if (HasEtag(request.Header("If-None-Match").value_or(""), shared.etag())) {
+    answer.status = 304;
+    answer.type.clear();
+    return answer;
+  }
+  const bool packed = AcceptsGzip(request) && !shared.gzip().empty();
+  if (packed) answer.headers.emplace_back("Content-Encoding", "gzip");
+  answer.body = packed ? shared.gzip() : shared.json();
+  return answer;
+}
+
+// A message of a watch as an event, and its ETag.
+StatusOr<std::string> EventOf(const std::string& rpc, const std::string& message) {
+  v1::WatchJobResponse parsed;
+  if (!parsed.ParseFromString(message)) return absl::InternalError("malformed message");
+  TESSERA_ASSIGN_OR_RETURN(const std::string json, JsonOf(rpc, message));
+  return absl::StrCat("id: ", parsed.etag(), "\ndata: ", json, "\n\n");
+}
+
+std::string EndEvent(const Status& status) {
+  if (status.ok()) return "event: end\ndata: {}\n\n";
+  return absl::StrCat("event: error\ndata: ", ErrorAnswer(status).body, "\n\n");
+}
+
+}  // namespace
+
+Site::Site(const SiteEnvironment& environment)
+    : environment_(environment), visitors_(environment.access, environment.insecure), files_(environment.calls) {}
+
+Lane Site::LaneOf(const RequestFrame& request) {
+  const std::string_view target = request.target;
+  const auto path = DecodedPath(target.substr(0, target.find('?')));
+  if (!path.ok()) return Lane::kQuick;
+  const RouteMatch match = FindRoute(request.method, *path);
+  return match.route == nullptr ? Lane::kQuick : match.route->lane;
+}
+
+bool Site::MayAnswerAtOnce(const RequestFrame& request) {
+  const std::string_view target = request.target;
+  const auto path = DecodedPath(target.substr(0, target.find('?')));
+  if (!path.ok()) return false;
+  const RouteMatch match = FindRoute(request.method, *path);
+  return match.route != nullptr && match.route->polled;
+}
+
+WebAnswer Site::Answer(const WebRequest& request) { return *Finished(request, Route(request, false)); }
+
+std::optional<WebAnswer> Site::AnswerAtOnce(const WebRequest& request) {
+  return Finished(request, Route(request, true));
+}
+
+std::optional<WebAnswer> Site::Finished(const WebRequest& request, std::optional<WebAnswer> answer) const {
+  if (!answer) return answer;
+  AddHeaders(request, &*answer);
+  if (environment_.before_reply) environment_.before_reply();
+  return answer;
+}
+
+WebAnswer Site::Refusal(int status) const {
+  WebAnswer answer = status == 503   ? ErrorAnswer(503, "UNAVAILABLE", "too many requests at once; try again later")
+                     : status == 413 ? ErrorAnswer(413, "INVALID_ARGUMENT", "the body is too large")
+                                     : ErrorAnswer(status, "INVALID_ARGUMENT", "malformed request");
+  if (status == 503) {
+    for (auto& [name, value] : answer.headers) value = name == "Retry-After" ? "5" : value;
+  }
+  AddHeaders({}, &answer);
+  return answer;
+}
+
+void Site::AddHeaders(const WebRequest& request, WebAnswer* answer) {
+  const auto has = [&](const char* name) {
+    return std::any_of(answer->headers.begin(), answer->headers.end(),
+                       [&](const auto& header) { return header.first == name; });
+  };
+  if (!has("Content-Security-Policy")) answer->headers.emplace_back("Content-Security-Policy", kPolicy);
+  if (!has("Cache-Control")) answer->headers.emplace_back("Cache-Control", "no-store");
+  answer->headers.emplace_back("X-Content-Type-Options", "nosniff");
+  answer->headers.emplace_back("Referrer-Policy", "no-referrer");
+  answer->headers.emplace_back("Cross-Origin-Resource-Policy", "same-origin");
+  answer->headers.emplace_back("Cross-Origin-Opener-Policy", "same-origin");
+  if (!answer->produce && answer->body.size() >= kLeastGzipBytes && !has("Content-Encoding") &&
+      absl::StartsWith(answer->type, "application/json") && AcceptsGzip(request)) {
+    if (std::string packed = Gzip(answer->body); !packed.empty()) {
+      answer->body = std::move(packed);
+      answer->headers.emplace_back("Content-Encoding", "gzip");
+    }
+  }
+}
+
+std::optional<WebAnswer> Site::Route(const WebRequest& request, bool at_once) {
+  const auto path = DecodedPath(request.RawPath());
+  if (!path.ok()) return NotFound();
+  const RouteMatch match = FindRoute(request.method, *path);
+  if (match.route == nullptr) {
+    return match.other_method ? ErrorAnswer(405, "UNIMPLEMENTED", "no such method for this path") : NotFound();
+  }
+  if (const Status own = visitors_.CheckOrigin(request); !own.ok()) return ErrorAnswer(own);
+  if (match.route->kind == RouteKind::kPage) return PageAnswer(request, match.name);
+  if (match.route->kind == RouteKind::kBeginSession) return BeginSession(request);
+  const auto visitor = visitors_.Identify(request);
+  if (!visitor.ok()) return ErrorAnswer(visitor.status());
+  if (match.route->kind == RouteKind::kEndSession) {
+    visitors_.End(*visitor);
+    WebAnswer answer = JsonAnswer("{}");
+    answer.headers.emplace_back("Set-Cookie", SessionCookie("", request.tls));
+    return answer;
+  }
+  if (visitor->identity.roles == 0 && !visitor->caller.authorization) return ErrorAnswer(NoSession());
+  if (match.route->kind == RouteKind::kReadSession) {
+    return visitor->identity.roles == 0 ? ErrorAnswer(NoSession()) : SessionOf(*visitor);
+  }
+  const Status admitted = environment_.calls->Admit(std::string(match.route->rpc), visitor->caller);
+  if (!admitted.ok()) return ErrorAnswer(admitted);
+  if (!at_once) return Dispatch(request, match, *visitor);
+  const auto message = MessageOf(request, match);
+  if (!message.ok()) return ErrorAnswer(message.status());
+  const SharedAnswers::Answer shared = shared_.Find(absl::StrCat(std::string(match.route->rpc), "?", *message));
+  if (shared == nullptr || (shared->json().size() > kMostAtOnceBytes &&
+                            !HasEtag(request.Header("If-None-Match").value_or(""), shared->etag()))) {
+    return std::nullopt;
+  }
+  return AnswerWith(request, *shared);
+}
+
+WebAnswer Site::Dispatch(const WebRequest& request, const RouteMatch& match, const Visitor& visitor) {
+  switch (match.route->kind) {
+    case RouteKind::kState:
+      return State(request, match, visitor);
+    case RouteKind::kWatch:
+      return Watch(request, match, visitor);
+    case RouteKind::kFile:
+      return files_.Answer(request, visitor.caller, match.job, match.name);
+    default:
+      return Call(request, match, visitor);
+  }
+}
+
+StatusOr<std::string> Site::MessageOf(const WebRequest& request, const RouteMatch& match) {
+  if (match.route->kind == RouteKind::kState && !request.params.empty()) {
+    return absl::InvalidArgumentError("query: expected no parameters");
+  }
+  return RequestOf(match.route->rpc, request.body, request.params, match.route->job_field, match.job);
+}
+
+WebAnswer Site::BeginSession(const WebRequest& request) {
+  const nlohmann::json body = nlohmann::json::parse(request.body, nullptr, false);
+  const bool good = body.is_object() && body.contains("token") && body["token"].is_string();
+  const std::string token =
+      good ? std::string(absl::StripAsciiWhitespace(body["token"].get_ref<const std::string&>())) : "";
+  if (!good || token.size() > kMaxTokenBytes) {
+    return ErrorAnswer(absl::InvalidArgumentError("body: expected {\"token\": \"...\"}"));
+  }
+  const auto visitor = visitors_.Begin(request, token);
+  if (!visitor.ok()) return ErrorAnswer(visitor.status());
+  WebAnswer answer = SessionOf(*visitor);
+  if (!visitor->session.empty()) {
+    answer.headers.emplace_back("Set-Cookie", SessionCookie(visitor->session, request.tls));
+  }
+  return answer;
+}
+
+WebAnswer Site::SessionOf(const Visitor& visitor) const {
+  std::set<std::string> may;
+  for (const tessera::Route& route : Routes()) {
+    const auto roles = RolesFor(std::string(route.rpc));
+    if (roles && (visitor.identity.roles & *roles) != 0) may.emplace(route.rpc);
+  }
+  std::string role = "admin";
+  for (const Role each : {Role::kViewer, Role::kSubmitter, Role::kWorker}) {
+    if (visitor.identity.roles == static_cast<unsigned>(each)) role = NameOf(each);
+  }
+  const nlohmann::json session = {
+      {"name", visitor.identity.name},   {"role", role}, {"tokensRequired", environment_.access->asks_for_tokens()},
+      {"version", environment_.version}, {"may", may},   {"httpsOnly", environment_.tls}};
+  return JsonAnswer(session.dump());
+}
+
+WebAnswer Site::Call(const WebRequest& request, const RouteMatch& match, const Visitor& visitor) {
+  const std::string rpc(match.route->rpc);
+  const auto message = MessageOf(request, match);
+  if (!message.ok()) return ErrorAnswer(message.status());
+  const auto call = [&]() -> StatusOr<std::string> {
+    TESSERA_ASSIGN_OR_RETURN(const std::string answer,
+                             environment_.calls->Call(rpc, visitor.caller, *message,
+                                                      match.route->lane == Lane::kSlow ? kSlowCall_s : kCall_s));
+    return JsonOf(rpc, answer);
+  };
+  if (!match.route->polled) {
+    auto json = call();
+    return json.ok() ? JsonAnswer(*std::move(json)) : ErrorAnswer(json.status());
+  }
+  const auto shared = shared_.Get(rpc + "?" + *message, [&]() -> StatusOr<SharedAnswers::Answer> {
+    TESSERA_ASSIGN_OR_RETURN(std::string json, call());
+    return std::make_shared<const SharedAnswer>(std::move(json), "");
+  });
+  return shared.ok() ? AnswerWith(request, **shared) : ErrorAnswer(shared.status());
+}
+
+StatusOr<SharedAnswers::Answer> Site::FirstOfWatch(const std::string& rpc, const LocalCaller& caller,
+                                                   const std::string& message) {
+  TESSERA_ASSIGN_OR_RETURN(const auto stream, environment_.calls->Open(rpc, caller, message));
+  std::string first;
+  const auto event = stream->Read(kFirst_s, &first);
+  if (event == LocalCalls::Stream::Event::kEnd && !stream->status().ok()) return stream->status();
+  v1::WatchJobResponse parsed;
+  if (event != LocalCalls::Stream::Event::kMessage || !parsed.ParseFromString(first)) {
+    return absl::UnavailableError("the state of the job is not known now");
+  }
+  TESSERA_ASSIGN_OR_RETURN(std::string json, JsonOf(rpc, first));
+  return std::make_shared<const SharedAnswer>(std::move(json), parsed.etag());
+}
+
+WebAnswer Site::State(const WebRequest& request, const RouteMatch& match, const Visitor& visitor) {
+  const std::string rpc(match.route->rpc);
+  const auto message = MessageOf(request, match);
+  if (!message.ok()) return ErrorAnswer(message.status());
+  const auto shared = shared_.Get(rpc + "?" + *message, [&] { return FirstOfWatch(rpc, visitor.caller, *message); });
+  return shared.ok() ? AnswerWith(request, **shared) : ErrorAnswer(shared.status());
+}
+
+WebAnswer Site::Watch(const WebRequest& request, const RouteMatch& match, const Visitor& visitor) {
+  const std::string rpc(match.route->rpc);
+  HeaderList params = request.params;
+  // A browser that connects again names the last event that it has seen.
+  if (const auto last = request.Header("Last-Event-ID")) params = {{"seenEtag", *last}};
+  const auto message = RequestOf(rpc, "", params, match.route->job_field, match.job);
+  if (!message.ok()) return ErrorAnswer(message.status());
+  auto opened = environment_.calls->Open(rpc, visitor.caller, *message);
+  if (!opened.ok()) return ErrorAnswer(opened.status());
+  const std::shared_ptr<LocalCalls::Stream> stream = *std::move(opened);
+  std::string first;
+  const auto begun = stream->Read(kUnseen_s, &first);
+  if (begun == LocalCalls::Stream::Event::kEnd && !stream->status().ok()) return ErrorAnswer(stream->status());
+  WebAnswer answer;
+  answer.type = "text/event-stream";
+  if (request.method == "HEAD") return answer;
+  answer.produce = [this, stream, rpc, visitor, first = std::move(first), begun](const AnswerSink& sink) {
+    using Event = LocalCalls::Stream::Event;
+    std::string message = first;
+    Event event = begun;
+    Steady::time_point written = Steady::now();
+    std::string text = "retry: 2000\n\n";
+    while (true) {
+      if (event == Event::kMessage) {
+        const auto told = EventOf(rpc, message);
+        if (!told.ok()) return false;
+        text += *told;
+      } else if (event == Event::kEnd) {
+        return sink.write(text + EndEvent(stream->status()));
+      } else if (Steady::now() - written > std::chrono::duration<double>(kPing_s)) {
+        text += ": ping\n\n";
+      }
+      if (!text.empty()) {
+        if (environment_.before_reply) environment_.before_reply();
+        if (!sink.write(text)) return false;
+        written = Steady::now();
+        text.clear();
+      }
+      event = stream->Read(kTick_s, &message);
+      if (!sink.connected()) return false;
+      if (!visitors_.StillHere(visitor)) return sink.write(EndEvent(NoSession()));
+    }
+  };
+  return answer;
+}
+
+}  // namespace tessera
