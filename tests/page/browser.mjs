@@ -9,11 +9,10 @@ const require = createRequire(join(tools, 'package.json'));
 const { chromium } = require('playwright-core');
 const axeSource = readFileSync(require.resolve('axe-core/axe.min.js'), 'utf8');
 
-const kSoftware = ['--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist'];
-
-// `webgl`: false starts a browser that refuses it.
+// `webgl`: by SwiftShader, on the processor; false starts a browser that refuses it.
 export function startBrowser(webgl = true) {
-  return chromium.launch({ executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium', args: ['--no-sandbox', ...(webgl ? kSoftware : ['--disable-3d-apis', '--disable-gpu'])] });
+  const args = ['--no-sandbox', '--disable-gpu', webgl ? '--enable-unsafe-swiftshader' : '--disable-3d-apis'];
+  return chromium.launch({ executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium', args });
 }
 
 // A page that fails the test at any error of its scripts and any violation of the content security policy.
@@ -34,8 +33,8 @@ export async function logIn(page, url, token) {
   await page.waitForSelector('.jobs tbody tr, .jobs .empty');
 }
 
-export function picture(page, name) {
-  return page.screenshot({ path: join(tools, 'pictures', `${name}.png`) });
+export function picture(page, name, options = {}) {
+  return page.screenshot({ path: join(tools, 'pictures', `${name}.png`), ...options });
 }
 
 // Serious and critical findings of axe-core. The debugger's protocol runs its source, which the page's policy would refuse.

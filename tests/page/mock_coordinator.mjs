@@ -68,6 +68,7 @@ function makeAttempts() {
 const kSettings = {
   settings: [
     { name: 'tiles', field: 'tiles', help: 'number of tiles; 0: as many as the memory needs', kind: 'SETTING_KIND_INTEGER', minimum: 0, maximum: 100000, unit: '', defaults: {}, choices: [] },
+    { name: 'tile_memory', field: 'tileMemoryBytes', help: 'largest memory of a worker for one tile', kind: 'SETTING_KIND_INTEGER', minimum: 0, maximum: 2 ** 46, unit: 'bytes', defaults: { tessera: '0', baseline: '0' }, choices: [] },
     { name: 'rounds', field: 'rounds', help: 'rounds of geometry and labels', kind: 'SETTING_KIND_INTEGER', minimum: 0, maximum: 20, unit: '', defaults: { tessera: '3', baseline: '1' }, choices: [] },
     { name: 'thin_plate', field: 'methodSettings.thinPlate', help: 'weight of the smoothness of the surface', kind: 'SETTING_KIND_NUMBER', minimum: 0, maximum: 10, unit: '', defaults: { tessera: '0.02', baseline: '0.02' }, choices: [] },
     { name: 'semantic', field: 'methodSettings.semantic', help: 'weight of the likelihoods', kind: 'SETTING_KIND_NUMBER', minimum: 0, maximum: 100, unit: '', defaults: { tessera: '1' }, choices: [] },

@@ -41,10 +41,11 @@ export function poll<T>(path: string, interval_ms: number, onChange: (value: T) 
   };
 }
 
-const kPollInterval_ms = 2000, kEndedInterval_ms = 10_000, kStreamAgain_ms = 60_000;
+const kPollInterval_ms = 2000, kHiddenInterval_ms = 5000, kEndedInterval_ms = 10_000, kStreamAgain_ms = 60_000;
 
 // Follows a job: by its stream, or while the coordinator has none to give, by a poll every two seconds. A job that has
-// ended is asked for rarely: it may be retried.
+// ended is asked for rarely: it may be retried. A page in the background has no stream: a browser opens only six
+// connections to a host.
 export function watchJob(job: string, onMessage: (message: WatchJob) => void, onError: (error: ApiError) => void):
     Follower {
   let etag = '', stopped = false, ended = false, streamAfter_ms = 0;
@@ -86,6 +87,7 @@ export function watchJob(job: string, onMessage: (message: WatchJob) => void, on
       if (stopped) return;
       if (answer.value) deliver(answer.value);
       if (ended) later(kEndedInterval_ms);
+      else if (document.hidden) later(kHiddenInterval_ms);
       else if (Date.now() >= streamAfter_ms) openStream();
       else later(kPollInterval_ms);
     } catch (error) {
@@ -104,10 +106,20 @@ export function watchJob(job: string, onMessage: (message: WatchJob) => void, on
     timer = setTimeout(step, wait_ms);
   };
   void step();
+  const onShow = () => {
+    if (document.hidden) {
+      close();
+      later(kHiddenInterval_ms);
+    } else if (!stream) {
+      later(0);
+    }
+  };
+  document.addEventListener('visibilitychange', onShow);
   return {
     stop() {
       stopped = true;
       clearTimeout(timer);
+      document.removeEventListener('visibilitychange', onShow);
       close();
     },
     now() {

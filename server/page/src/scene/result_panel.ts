@@ -10,13 +10,15 @@ import { type ColorMode, cssColor, kColorModes, type SurfaceClass } from './surf
 import type { Attributes } from './tile_set';
 import { type Hit, type TileSetAddress, Viewer } from './viewer';
 
+// Of report.json.
+export interface Report { frame?: FrameJson; gsd_m?: number }
+
 export interface ResultFacts {
   job: Job;
   result: TileSetAddress;
   start: TileSetAddress | null;
-  frame: FrameJson | null;
+  report: Promise<Report>;
   fileColor: string; // what the colours in the files are: class, image, confidence, displacement
-  gsd_m: number;
 }
 
 const kModeNames: Record<ColorMode, string> = { class: 'Class', file: 'Image', confidence: 'Confidence', displacement: 'Displacement' };
@@ -30,7 +32,9 @@ export class ResultPanel {
   private readonly slider = h('input', { type: 'range', min: 0, max: 100, step: 1, 'aria-label': 'Start and result: share of the view that shows the start' });
   private readonly status = h('p', { class: 'status', role: 'status' }, 'Loading the result');
   private readonly viewer: Viewer;
-  private readonly frame: SceneFrame;
+  private frame: SceneFrame;
+  private gsd_m = 0; // 0: not known yet
+  private readonly reported: Promise<void>;
   private classes: SurfaceClass[] = [];
   private has: Attributes = { confidence: false, displacement: false, color: false };
   private mode: ColorMode = 'class';
@@ -45,14 +49,13 @@ export class ResultPanel {
 
   // Throws if the browser has no WebGL 2.
   constructor(private readonly facts: ResultFacts) {
-    this.frame = new SceneFrame(facts.result.transform, facts.frame);
+    this.frame = new SceneFrame(facts.result.transform, null);
     this.element.append(this.holder, this.panel);
     const query = currentRoute().query;
     this.viewer = new Viewer(this.holder, facts.result, facts.start, this.cameraOf(query.get('camera')));
     this.holder.append(...(facts.start ? [this.divider, ...this.sideNames,
       h('div', { class: 'wipe' }, h('span', { 'aria-hidden': 'true' }, 'Result'), this.slider, h('span', { 'aria-hidden': 'true' }, 'Start'))] : []), this.status,
     h('span', { class: 'cross', 'aria-hidden': 'true' }));
-    this.viewer.look.setLargestDisplacement(facts.gsd_m > 0 ? 10 * facts.gsd_m : 1);
     this.viewer.onClasses = (classes, has) => this.setClasses(classes, has);
     this.viewer.onFrame = (triangles, loading) => {
       this.status.textContent = `${loading ? 'Loading · ' : ''}${thousands(triangles)} triangles in view`;
@@ -68,12 +71,24 @@ export class ResultPanel {
     this.viewer.setMode(this.mode);
     this.listen();
     this.render();
+    this.reported = facts.report.then(({ frame, gsd_m }) => {
+      this.frame = new SceneFrame(facts.result.transform, frame ?? null);
+      this.gsd_m = gsd_m ?? 0;
+      this.viewer.look.setLargestDisplacement(this.largest_m);
+      this.viewer.invalidate();
+      this.render();
+    });
     void this.loadTiles(Number(query.get('tile') ?? -1));
   }
 
   close(): void {
     clearTimeout(this.timer);
     this.viewer.close();
+  }
+
+  // Displacement with the last colour, as in exported files.
+  private get largest_m(): number {
+    return this.gsd_m > 0 ? 10 * this.gsd_m : 1;
   }
 
   private cameraOf(text: string | null): Vec[] | null {
@@ -195,6 +210,7 @@ export class ResultPanel {
     replaceQuery({ tile: tile >= 0 ? String(tile) : undefined });
     const chosen = this.tiles.find((each) => each.tile === tile);
     this.camerasNote = '';
+    await this.reported;
     if (chosen && this.cameras.length === 0) {
       try {
         this.cameras = (await getAll<Camera>(`/api/v1/${this.facts.job.name}/views`, 'views', 200_000)).items;
@@ -267,7 +283,7 @@ export class ResultPanel {
       this.mode === 'confidence' && h('div', { class: 'ramp viridis', 'aria-hidden': 'true' }),
       this.mode === 'confidence' && h('div', { class: 'ends' }, h('span', {}, '0'), h('span', {}, '1')),
       this.mode === 'displacement' && h('div', { class: 'ramp moved', 'aria-hidden': 'true' }),
-      this.mode === 'displacement' && h('div', { class: 'ends' }, h('span', {}, '0 m'), h('span', {}, `${number(this.facts.gsd_m > 0 ? 10 * this.facts.gsd_m : 1, 2)} m`)),
+      this.mode === 'displacement' && h('div', { class: 'ends' }, h('span', {}, '0 m'), h('span', {}, `${number(this.largest_m, 2)} m`)),
       h('h2', {}, 'Classes'),
       h('div', { class: 'choices' }, this.classes.map((each, i) => h('label', { 'data-key': `class ${i}` },
         h('input', { type: 'checkbox', checked: !this.viewer.look.hidden.has(i), onchange: (event: Event) => {

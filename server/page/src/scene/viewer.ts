@@ -145,7 +145,7 @@ export class Viewer {
 
   // Moves the camera so that a sphere fills the view, from the south.
   show(centre: Vec, radius_m: number): void {
-    const target = worldFromEnu(centre), distance = (radius_m * 1.05) / Math.tan((this.camera.fov * Math.PI) / 360) / Math.min(1, Math.max(0.6, this.camera.aspect));
+    const target = worldFromEnu(centre), distance = (radius_m * 1.05) / Math.tan((this.camera.fov * Math.PI) / 360) / Math.min(1, Math.max(0.4, this.camera.aspect));
     this.controls.target.copy(target);
     this.camera.position.copy(target).add(new Vector3(-0.25, 0.72, 0.66).normalize().multiplyScalar(distance));
     this.controls.update();
@@ -271,10 +271,10 @@ export class Viewer {
   private keepBudget(triangles: number, loading: boolean): void {
     for (const { set } of Object.values(this.sides)) {
       const target = set.tiles.errorTarget;
-      if (triangles > 0.9 * kMaxTriangles) set.tiles.errorTarget = target * 1.2;
+      if (triangles > 0.9 * kMaxTriangles) set.tiles.errorTarget = Math.min(64, target * 1.2);
       else if (!loading && triangles < 0.4 * kMaxTriangles && target > kErrorTarget_px) set.tiles.errorTarget = Math.max(kErrorTarget_px, target / 1.1);
       else continue;
-      this.invalidate();
+      if (set.tiles.errorTarget !== target) this.invalidate();
     }
   }
 

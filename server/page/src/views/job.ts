@@ -95,6 +95,16 @@ export function jobView(name: string, route: Route): View {
     render();
   }
 
+  // Selects a tile and moves the map with its panel into view.
+  function goTo(chosen: number): void {
+    if (section !== '') {
+      location.hash = address(name, { tile: chosen });
+      return;
+    }
+    select(chosen);
+    body.querySelector('.split')?.scrollIntoView({ block: 'start', behavior: matchMedia('(prefers-reduced-motion: reduce)').matches ? 'auto' : 'smooth' });
+  }
+
   async function retryTile(chosen: number): Promise<void> {
     try {
       await change('POST', `/api/v1/${name}:retry`, { tile: chosen });
@@ -115,7 +125,7 @@ export function jobView(name: string, route: Route): View {
     return h('dl', { class: 'figures' },
       card('Tiles', now.tilesTotal > 0 ? `${now.tilesDone} of ${now.tilesTotal}` : 'not planned yet', bad > 0 ? plural(bad, 'tile failed', 'tiles failed') : ''),
       card('Tasks', now.tasksTotal > 0 ? `${now.tasksDone} of ${now.tasksTotal}` : 'not planned yet'),
-      card('Time', ran, wait, now.createTime ? `submitted ${clock(new Date(now.createTime))}` : ''),
+      card('Time', ran, [wait, now.createTime && `submitted ${clock(new Date(now.createTime))}`].filter(Boolean).join(', ')),
       card(hasEnded(now) ? 'End' : 'Time left', etaText(now)),
       card('Cost', cost.spent, cost.predicted ? `predicted ${cost.predicted}` : 'not predicted yet'),
       card('Priority', String(now.priority)));
@@ -126,7 +136,7 @@ export function jobView(name: string, route: Route): View {
     const faults = tiles.filter((each) => !isBad(each) && each.failedAttempts > 0 && each.reasons.length > 0 && !hasEnded(now));
     if (bad.length === 0 && faults.length === 0 && !now.error) return null;
     const item = (each: Tile) => h('li', { 'data-key': each.tile },
-      h('button', { class: 'link', onclick: () => select(each.tile) }, h('b', {}, `Tile ${each.tile}`)),
+      h('button', { class: 'link', onclick: () => goTo(each.tile) }, h('b', {}, `Tile ${each.tile}`)),
       ` ${isBad(each) ? tileState(each).name : 'is tried again'}${each.title && ` · ${each.title}`}${each.worker && ` on ${each.worker}`}`,
       h('div', { class: 'reason' }, each.reasons[0] ?? 'No reason was reported.'));
     return h('section', { class: `note ${bad.length > 0 || now.error ? 'bad' : 'warn'} problems`, 'aria-label': 'Problems' },
@@ -142,7 +152,7 @@ export function jobView(name: string, route: Route): View {
       showTable && scrollBox('Tiles', h('table', { class: 'list' },
         h('thead', {}, h('tr', {}, ['Tile', 'State', 'Tasks', 'Attempts', 'Now'].map((text) => h('th', { scope: 'col' }, text)))),
         h('tbody', {}, tiles.slice(0, 500).map((each) => h('tr', { 'data-key': each.tile },
-          h('td', {}, h('button', { class: 'link', onclick: () => select(each.tile) }, String(each.tile))),
+          h('td', {}, h('button', { class: 'link', onclick: () => goTo(each.tile) }, String(each.tile))),
           h('td', {}, tileState(each).name), h('td', {}, `${each.tasksDone} of ${each.tasksTotal}`), h('td', {}, String(each.attempts)),
           h('td', {}, each.title)))))),
       showTable && tiles.length > 500 && h('p', { class: 'soft' }, 'The first 500 tiles.'));
@@ -162,7 +172,7 @@ export function jobView(name: string, route: Route): View {
     !chosen && tiles.length > 0 && h('p', { class: 'soft' }, 'A click on a tile shows its attempts, errors and cameras.'),
     running.length > 0 && h('section', { class: 'card' }, h('h2', {}, `Running now (${running.length})`),
       h('ul', { class: 'running-list' }, running.slice(0, 50).map((task) => h('li', { 'data-key': task.name },
-        task.tile >= 0 ? h('button', { class: 'link', onclick: () => select(task.tile) }, task.title) : task.title,
+        task.tile >= 0 ? h('button', { class: 'link', onclick: () => goTo(task.tile) }, task.title) : task.title,
         h('span', { class: 'soft' }, `${task.stage && ` · ${task.stage}`} · ${task.worker}`),
         h('div', { class: 'bar small', 'aria-hidden': 'true' }, h('div', { style: { width: `${100 * task.progress}%` } })))))),
     tiles.length > 0 && tileTable()];

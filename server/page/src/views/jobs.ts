@@ -159,6 +159,7 @@ export function jobsView(_route: Route): View {
           ['Name', 'State', 'Progress', 'Time', 'Time left', 'Cost'].map((text) => h('th', { scope: 'col' }, text)),
           h('th', {}, h('span', { class: 'unseen' }, 'Result')))),
         h('tbody', {}, shown.map((job) => row(job, selectable))))),
+      more && shown.length < all.length && h('p', { class: 'soft center' }, `The filters search the ${all.length} newest jobs.`),
       more && h('p', { class: 'center' }, h('button', { class: 'button', onclick: loadOlder }, 'Load older jobs')));
   }
   render();

@@ -22,7 +22,8 @@ export function loginView(onDone: () => void, why: string): View {
           await logIn(field.value.trim());
           onDone();
         } catch (error) {
-          fault.textContent = error instanceof Error ? error.message : String(error);
+          const text = (error instanceof Error ? error.message : String(error)).replace(/^unauthenticated: /, '');
+          fault.textContent = text.charAt(0).toUpperCase() + text.slice(1);
           field.select();
         } finally {
           button.disabled = false;

@@ -7,11 +7,8 @@ import { lastPart } from '../base/format';
 import { canExport, exportTiles, isTilesExport, kStartTileset, kTileset } from '../job/files';
 import { progressBar, stageText, stateBadge } from '../job/status';
 import { address, currentRoute, type Route } from '../router';
-import type { FrameJson } from '../scene/geodesy';
-import type { ResultPanel } from '../scene/result_panel';
+import type { Report, ResultPanel } from '../scene/result_panel';
 import type { View } from './view';
-
-interface Report { frame?: FrameJson; gsd_m?: number }
 
 function webglFault(): string {
   const canvas = document.createElement('canvas');
@@ -57,6 +54,10 @@ export function resultView(name: string, _route: Route): View {
     renderInto(body, h('div', { class: 'card message' }, ...content));
   }
 
+  const fault = webglFault();
+  const viewer = fault ? null : import('../scene/result_panel'); // loaded beside the first calls
+  viewer?.catch(() => {}); // show() reports it
+
   async function open(): Promise<void> {
     renderHead();
     say(h('p', { class: 'soft' }, 'Loading the job'));
@@ -67,7 +68,6 @@ export function resultView(name: string, _route: Route): View {
         h('a', { class: 'button', href: address(name) }, 'To the job'));
       return;
     }
-    const fault = webglFault();
     if (fault) {
       await showPictures(job, fault);
       return;
@@ -118,13 +118,12 @@ export function resultView(name: string, _route: Route): View {
   }
 
   async function show(base: Job, tiles: Job): Promise<void> {
-    const [start, report, scene] = await Promise.all([hasFile(tiles, kStartTileset),
-      get<Report>(fileUrl(base.name, 'report.json')).catch(() => ({} as Report)), import('../scene/result_panel')]);
     const resultUrl = fileUrl(tiles.name, kTileset), startUrl = fileUrl(tiles.name, kStartTileset);
-    const transform = await transformOf(resultUrl);
+    const report = get<Report>(fileUrl(base.name, 'report.json')).catch(() => ({} as Report)); // may be large: not waited for
+    const [start, transform, scene] = await Promise.all([hasFile(tiles, kStartTileset), transformOf(resultUrl), viewer!]);
     const facts = {
-      job: base, result: { url: resultUrl, transform }, start: start ? { url: startUrl, transform: await transformOf(startUrl) } : null,
-      frame: report.frame ?? null, gsd_m: report.gsd_m ?? 0, fileColor: tiles.settings?.export?.color || 'class',
+      job: base, result: { url: resultUrl, transform }, start: start ? { url: startUrl, transform } : null,
+      report, fileColor: tiles.settings?.export?.color || 'class',
     };
     if (closed) return;
     try {
@@ -158,6 +157,11 @@ export function resultView(name: string, _route: Route): View {
     if (closed) return;
     if (error instanceof ApiError && error.away) {
       setTimeout(() => { if (!closed && !panel) void open().catch(fail); }, 2000);
+      return;
+    }
+    if (error instanceof TypeError && /module/.test(error.message)) { // a chunk of an older page
+      say(h('h2', {}, 'The page is not current'), h('p', {}, 'The coordinator serves another version of this page.'),
+        h('button', { class: 'button primary', onclick: () => location.reload() }, 'Load it again'));
       return;
     }
     say(h('h2', {}, 'The result cannot be shown'), h('p', { class: 'reason' }, error instanceof Error ? error.message : String(error)),

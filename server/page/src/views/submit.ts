@@ -9,11 +9,18 @@ import type { View } from './view';
 
 const kFirst = ['tiles', 'rounds', 'tile_memory', 'tile_memory_gib', 'formats']; // shown before "All settings"
 
+// Units that people type: values of a setting are multiples of `scale`.
+function shownUnit(setting: Setting): { name: string; scale: number } {
+  if (setting.unit === 'bytes') return { name: 'GiB', scale: 2 ** 30 };
+  if (setting.unit === 'core-seconds') return { name: 'core\u2011hours', scale: 3600 };
+  return { name: setting.unit, scale: 1 };
+}
+
 function range(setting: Setting): string {
-  const unit = setting.unit ? ` ${setting.unit}` : '';
-  if (setting.minimum === undefined && setting.maximum === undefined) return unit.trim();
-  if (setting.maximum === undefined) return `at least ${setting.minimum}${unit}`;
-  return `${setting.minimum ?? 0} to ${number(setting.maximum, 6)}${unit}`;
+  const { name, scale } = shownUnit(setting), unit = name ? `\u00a0${name}` : '';
+  if (setting.minimum === undefined && setting.maximum === undefined) return name;
+  if (setting.maximum === undefined) return `at least ${number(setting.minimum! / scale, 6)}${unit}`;
+  return `${number((setting.minimum ?? 0) / scale, 6)} to ${number(setting.maximum / scale, 6)}${unit}`;
 }
 
 function words(name: string): string {
@@ -25,7 +32,7 @@ function parse(setting: Setting, text: string): unknown {
   if (text === '') return undefined;
   switch (setting.kind) {
     case 'SETTING_KIND_NUMBER': case 'SETTING_KIND_INTEGER':
-      return Number(text);
+      return shownUnit(setting).scale === 1 ? Number(text) : Math.round(Number(text) * shownUnit(setting).scale);
     case 'SETTING_KIND_BOOLEAN':
       return text === 'true';
     case 'SETTING_KIND_LIST':
@@ -109,16 +116,17 @@ export function submitView(_route: Route): View {
     const choice = (choices: [string, string][]) => h('select', { ...common, value },
       h('option', { value: '' }, standard ? `default (${standard})` : 'default'), choices.map(([v, text]) => h('option', { value: v }, text)));
     let input: HTMLElement;
+    const { scale } = shownUnit(setting), scaled = (limit: number | undefined) => (limit === undefined ? null : limit / scale);
     if (setting.kind === 'SETTING_KIND_BOOLEAN') input = choice([['true', 'yes'], ['false', 'no']]);
     else if (setting.kind === 'SETTING_KIND_CHOICE') input = choice(setting.choices.map((c) => [c, c]));
     else if (setting.kind === 'SETTING_KIND_NUMBER' || setting.kind === 'SETTING_KIND_INTEGER') {
       input = h('input', {
-        ...common, type: 'number', value, placeholder: standard, min: setting.minimum ?? null, max: setting.maximum ?? null,
-        step: setting.kind === 'SETTING_KIND_INTEGER' ? 1 : 'any',
+        ...common, type: 'number', value, placeholder: standard && Number.isFinite(Number(standard)) ? number(Number(standard) / scale, 6) : standard,
+        min: scaled(setting.minimum), max: scaled(setting.maximum), step: setting.kind === 'SETTING_KIND_INTEGER' && scale === 1 ? 1 : 'any',
       });
     } else input = h('input', { ...common, type: 'text', value, placeholder: standard, spellcheck: 'false' });
     const limits = range(setting);
-    return h('div', { class: 'field', 'data-key': setting.name }, h('label', { for: id }, words(setting.name)), input,
+    return h('div', { class: 'field', 'data-key': setting.name }, h('label', { for: id }, words(setting.name), scale !== 1 && ` (${shownUnit(setting).name})`), input,
       h('div', { id: `${id}-help`, class: 'soft' }, setting.help, limits && ` (${limits})`));
   }
 
