@@ -8,10 +8,13 @@
 
 namespace tessera {
 
-// Sizes of tiles. Tests use others.
+// Sizes of tiles. Tests use others. tests/bench/tiles_bench.cc measures how many triangles a viewer draws.
 struct Tiles3dSizes {
   size_t leaf_faces = 60000;  // at most in a leaf
-  size_t node_faces = 16000;  // to which tiles above the leaves are simplified, besides one for each border vertex
+  // The geometric error to which tiles above the leaves are simplified, as a part of a tile's side.
+  double error = 1.0 / 200;
+  size_t node_faces = 60000;     // at most in a tile above the leaves, besides one for each border vertex
+  size_t picture_faces = 16000;  // if vertices have the colours of photographs, such tiles have no less, if they can
   // By which each level above the sheets simplifies borders, as a part of a tile's side (tiles3d_border.h).
   double border_tolerance = 1.0 / 4000;
 };

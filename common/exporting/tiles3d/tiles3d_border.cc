@@ -205,21 +205,26 @@ std::vector<std::array<uint32_t, 2>> Tiles3dBorderEdges(const Tiles3dFaces& face
 }
 
 Tiles3dFaces ThinTiles3dBorder(const Tiles3dVertices& vertices, const Tiles3dFaces& faces,
-                               const std::vector<Tiles3dEdge>& others, double tolerance_m) {
+                               const std::vector<Tiles3dEdge>& others, double tolerance_m, double free_m) {
   const std::vector<Eigen::Vector3d>& positions = vertices.positions;
   std::vector<std::array<uint32_t, 2>> edges = Tiles3dBorderEdges(faces, positions.size());
   // Edges of the whole level, by numbers of positions; those of this tile have its border vertices.
   PositionIndex places;
   std::vector<uint32_t> vertex_of_place;
-  std::vector<std::array<uint32_t, 2>> all;
+  const auto between = [&places](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+    const uint32_t i = places.NumberOf(a), j = places.NumberOf(b);
+    return std::array<uint32_t, 2>{std::min(i, j), std::max(i, j)};
+  };
+  std::vector<std::array<uint32_t, 2>> all, shared;
   for (const auto& [a, b] : edges) {
     for (const uint32_t v : {a, b}) {
       if (places.NumberOf(positions[v]) == vertex_of_place.size()) vertex_of_place.push_back(v);
     }
-    all.push_back({places.NumberOf(positions[a]), places.NumberOf(positions[b])});
   }
-  for (const Tiles3dEdge& edge : others) all.push_back({places.NumberOf(edge[0]), places.NumberOf(edge[1])});
-  for (std::array<uint32_t, 2>& edge : all) std::sort(edge.begin(), edge.end());
+  for (const Tiles3dEdge& edge : others) shared.push_back(between(edge[0], edge[1]));
+  std::sort(shared.begin(), shared.end());
+  all = shared;
+  for (const auto& [a, b] : edges) all.push_back(between(positions[a], positions[b]));
   std::sort(all.begin(), all.end());
   all.erase(std::unique(all.begin(), all.end()), all.end());
   std::vector<int> degrees(places.positions().size(), 0);
@@ -234,7 +239,11 @@ Tiles3dFaces ThinTiles3dBorder(const Tiles3dVertices& vertices, const Tiles3dFac
   for (const std::vector<uint32_t>& chain : BorderChains(edges, positions, is_end).chains) {
     std::vector<Eigen::Vector3d> points;
     for (const uint32_t v : chain) points.push_back(positions[v]);
-    collapser.Add(chain, SimplifyTiles3dChain(points, tolerance_m));
+    bool is_free = true;
+    for (size_t i = 1; i < points.size() && is_free; ++i) {
+      is_free = !std::binary_search(shared.begin(), shared.end(), between(points[i - 1], points[i]));
+    }
+    collapser.Add(chain, SimplifyTiles3dChain(points, is_free ? free_m : tolerance_m));
   }
   return collapser.Collapse();
 }

@@ -33,9 +33,10 @@ std::vector<std::array<uint32_t, 2>> Tiles3dBorderEdges(const Tiles3dFaces& face
 
 // The faces without the vertices of the border that the tolerance allows to remove; vertices do not move. No two
 // vertices of the border are at one position. `others`: the border edges of all other tiles of the level that touch
-// this one; more do no harm. Deterministic; the removed vertices depend on positions of border edges alone.
+// this one; more do no harm. Chains that no other tile has, which are rims of holes and of the city, have the tolerance
+// `free_m`. Deterministic; the removed vertices depend on positions of border edges alone.
 Tiles3dFaces ThinTiles3dBorder(const Tiles3dVertices& vertices, const Tiles3dFaces& faces,
-                               const std::vector<Tiles3dEdge>& others, double tolerance_m);
+                               const std::vector<Tiles3dEdge>& others, double tolerance_m, double free_m);
 
 // The vertices of a chain that stay, ascending: its ends, and as many as it takes that no point of the chain is farther
 // than the tolerance from the edges that are left. A closed chain begins and ends with one position; it may shrink to

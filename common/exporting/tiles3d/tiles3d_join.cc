@@ -10,14 +10,12 @@
 #include "common/exporting/tiles3d/tiles3d_glb.h"
 #include "common/exporting/tiles3d/tiles3d_part.h"
 #include "common/exporting/tiles3d/tiles3d_tileset.h"
+#include "common/exporting/tiles3d/tiles3d_upper.h"
 #include "common/storage/files.h"
 
 namespace tessera {
 namespace {
 
-// With more samples, the vertices of the level below take their place: memory and time stay bounded, and the error adds
-// up less often than at every level.
-constexpr size_t kTileSamples = 500000;
 // Of the file beside that of a tile's mesh, with its border before it is thinned.
 constexpr char kBorderEnding[] = ".border";
 
@@ -84,18 +82,12 @@ class TileSetJoiner {
   StatusOr<UpperTile> Merge(int level, const SheetId& id, std::vector<UpperTile> children) const {
     const std::string name = absl::StrCat(level, "_", SheetName(id));
     UpperTile parent = {id, absl::StrCat(scratch_, "/", name), {}};
-    std::vector<Tiles3dMesh> meshes;
-    Tiles3dPart part;
-    part.set = set_;
+    std::vector<Tiles3dPart> parts;
     for (const UpperTile& child : children) {
       TESSERA_ASSIGN_OR_RETURN(Tiles3dPart read, ReadTiles3dPart(child.part_path, set_));
-      meshes.push_back(std::move(read.mesh));
-      part.samples.insert(part.samples.end(), read.samples.begin(), read.samples.end());
-      part.samples_error_m = std::max(part.samples_error_m, read.samples_error_m);
-      part.error_m = std::max(part.error_m, read.error_m);
-      part.box.extend(read.box);
+      parts.push_back(std::move(read));
     }
-    part.mesh = MergeTiles3d(meshes);
+    const Tiles3dPart part = MergeTiles3dParts(std::move(parts));
     TESSERA_RETURN_IF_ERROR(WriteTiles3dParts(parent.part_path, {part}));
     TESSERA_RETURN_IF_ERROR(WriteTiles3dBorder(parent.part_path + kBorderEnding, part.mesh));
     if (children.size() == 1) {
@@ -124,26 +116,16 @@ class TileSetJoiner {
       borders.insert(borders.end(), border.begin(), border.end());
     }
     const double side_m = std::ldexp(kSheetCells * input_.scene.ground.cell_m, level);
-    const double tolerance_m = sizes_.border_tolerance * side_m;
-    const Tiles3dVertices& vertices = part.mesh.vertices;
-    const Tiles3dFaces thinned = ThinTiles3dBorder(vertices, part.mesh.faces, borders, tolerance_m);
-    const Tiles3dFaces faces = SimplifyTiles3d(vertices, thinned, sizes_.node_faces);
-    if (part.samples.size() > kTileSamples) {
-      part.samples = vertices.positions;
-      part.samples_error_m = part.error_m;
-    }
-    part.error_m = part.samples_error_m + Tiles3dDistance(part.samples, vertices, faces);
+    const bool photographic = input_.options.color == VertexColor::kImage && !part.mesh.vertices.colors.empty();
+    const double error_m = SimplifyTiles3dPart(borders, side_m, tile->tile.error_m, photographic, sizes_, &part);
     if (tile->is_new) {
-      // The parent's error is larger, also where nothing was simplified.
-      tile->tile.error_m =
-          std::max({part.error_m, tile->tile.error_m + kTiles3dGrid_m, kTiles3dGapsInError * 2 * tolerance_m});
-      const bool photographic = input_.options.color == VertexColor::kImage && !vertices.colors.empty();
+      tile->tile.error_m = error_m;
       files->push_back(absl::StrCat(set_, "/", tile->tile.uri));
       TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(folder_, "/", set_, "/upper")));
-      TESSERA_RETURN_IF_ERROR(WriteFileAtomic(absl::StrCat(folder_, "/", files->back()),
-                                              MakeTiles3dGlb(vertices, faces, input_.scene.classes, photographic)));
+      TESSERA_RETURN_IF_ERROR(
+          WriteFileAtomic(absl::StrCat(folder_, "/", files->back()),
+                          MakeTiles3dGlb(part.mesh.vertices, part.mesh.faces, input_.scene.classes, photographic)));
     }
-    part.mesh = CompactTiles3d(vertices, faces);
     return WriteTiles3dParts(tile->part_path, {part});
   }
 

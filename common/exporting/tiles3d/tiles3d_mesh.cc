@@ -1,7 +1,5 @@
 #include "common/exporting/tiles3d/tiles3d_mesh.h"
 
-#include <meshoptimizer.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <utility>
@@ -13,8 +11,6 @@ namespace tessera {
 namespace {
 
 constexpr uint32_t kNoTiles3dIndex = std::numeric_limits<uint32_t>::max();
-// With so many times the wanted faces, borders of classes are given up.
-constexpr double kTiles3dTooMany = 1.5;
 
 template <class T>
 std::vector<T> TakeTiles3d(const std::vector<T>& values, const std::vector<uint32_t>& which) {
@@ -30,28 +26,6 @@ TriangleMesh TileSurfaceOf(const Tiles3dVertices& vertices, const Tiles3dFaces& 
   mesh.vertices = vertices.positions;
   mesh.faces = faces.corners;
   return mesh;
-}
-
-// meshoptimizer's result over wedges. Wedges at equal positions are a seam, which it keeps.
-Tiles3dFaces SimplifyTiles3dWedges(const Tiles3dVertices& vertices, const Tiles3dWedges& wedges, size_t target) {
-  Eigen::AlignedBox3d box;
-  for (const uint32_t v : wedges.vertices) box.extend(vertices.positions[v]);
-  std::vector<Eigen::Vector3f> positions;
-  positions.reserve(wedges.vertices.size());
-  for (const uint32_t v : wedges.vertices) {
-    positions.push_back((vertices.positions[v] - box.center()).cast<float>());
-  }
-  const size_t count = 3 * wedges.faces.size();
-  std::vector<Triangle> kept(wedges.faces.size());
-  const size_t left = meshopt_simplify(kept.data()->data(), wedges.faces.data()->data(), count,
-                                       positions.data()->data(), positions.size(), sizeof(Eigen::Vector3f), 3 * target,
-                                       std::numeric_limits<float>::max(), meshopt_SimplifyLockBorder, nullptr);
-  Tiles3dFaces result;
-  for (size_t f = 0; f < left / 3; ++f) {
-    const Triangle& face = kept[f];
-    result.Add({wedges.vertices[face[0]], wedges.vertices[face[1]], wedges.vertices[face[2]]}, wedges.labels[face[0]]);
-  }
-  return result;
 }
 
 }  // namespace
@@ -118,26 +92,6 @@ std::vector<uint8_t> Tiles3dBorder(const Tiles3dFaces& faces, size_t vertex_coun
   std::vector<uint8_t> border(vertex_count);
   std::transform(sums.begin(), sums.end(), border.begin(), [](uint64_t sum) { return sum != 0 ? 1 : 0; });
   return border;
-}
-
-Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, size_t inner_faces) {
-  const std::vector<uint8_t> border = Tiles3dBorder(faces, vertices.positions.size());
-  const size_t target = inner_faces + static_cast<size_t>(std::count(border.begin(), border.end(), 1));
-  if (faces.size() <= target) return faces;
-  Tiles3dFaces simple = SimplifyTiles3dWedges(vertices, MakeTiles3dWedges(faces, vertices.positions.size()), target);
-  if (static_cast<double>(simple.size()) <= kTiles3dTooMany * static_cast<double>(target)) return simple;
-  const TriangleMesh before = TileSurfaceOf(vertices, simple);
-  const std::vector<int32_t> labels = std::move(simple.labels);
-  simple.labels.assign(labels.size(), 0);
-  simple = SimplifyTiles3dWedges(vertices, MakeTiles3dWedges(simple, vertices.positions.size()), target);
-  const NearestSurface surface(before);
-  for (size_t f = 0; f < simple.size(); ++f) {
-    const Triangle& face = simple.corners[f];
-    const Eigen::Vector3d centroid =
-        (vertices.positions[face[0]] + vertices.positions[face[1]] + vertices.positions[face[2]]) / 3;
-    simple.labels[f] = labels[surface.Find(centroid).face];
-  }
-  return simple;
 }
 
 double Tiles3dDistance(const std::vector<Eigen::Vector3d>& points, const Tiles3dVertices& vertices,

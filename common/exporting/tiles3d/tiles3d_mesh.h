@@ -1,4 +1,4 @@
-// Meshes of tiles and their simplification.
+// Meshes of tiles.
 #pragma once
 
 #include <Eigen/Core>
@@ -55,12 +55,6 @@ Tiles3dWedges MakeTiles3dWedges(const Tiles3dFaces& faces, size_t vertex_count);
 
 // Per vertex of the mesh: 1 if one of its edges has a face on one side only.
 std::vector<uint8_t> Tiles3dBorder(const Tiles3dFaces& faces, size_t vertex_count);
-
-// Collapses edges until about `inner_faces` faces and one for each border vertex are left (quadric error metric,
-// Garland and Heckbert 1997, by meshoptimizer). Vertices do not move. All edges with one face stay, so the result fits
-// to its neighbours without cracks. Borders of classes collapse along themselves; if too many faces remain that way,
-// they are not kept, and each face gets the class of the nearest face before. Deterministic.
-Tiles3dFaces SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, size_t inner_faces);
 
 // The largest distance in metres of a point to the surface of the faces, which are at least one; 0 without points.
 double Tiles3dDistance(const std::vector<Eigen::Vector3d>& points, const Tiles3dVertices& vertices,

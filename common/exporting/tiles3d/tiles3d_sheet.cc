@@ -11,7 +11,9 @@
 #include "common/exporting/tiles3d/tiles3d.h"
 #include "common/exporting/tiles3d/tiles3d_glb.h"
 #include "common/exporting/tiles3d/tiles3d_part.h"
+#include "common/exporting/tiles3d/tiles3d_simplify.h"
 #include "common/exporting/tiles3d/tiles3d_tileset.h"
+#include "common/exporting/tiles3d/tiles3d_upper.h"
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -21,10 +23,10 @@ namespace {
 constexpr int kTiles3dDepth = 24;
 
 struct TileNode {
-  Tiles3dFaces faces;            // of its content
-  std::vector<int> children;     // empty: a leaf
-  int height = 0;                // above the leaves
-  std::vector<uint32_t> finest;  // vertices of the leaves below; those on their borders several times
+  Tiles3dFaces faces;         // of its content
+  std::vector<int> children;  // empty: a leaf
+  int height = 0;             // above the leaves
+  double side_m = 0;          // of its square
   double error_m = 0;
   Eigen::AlignedBox3d box;
 };
@@ -51,6 +53,7 @@ class TileTree {
   // Adds the node of `faces` in the square around `centre`; returns its index. `quarter_m`: a quarter of its side.
   int Add(std::span<uint32_t> faces, const Eigen::Vector2d& centre, double quarter_m, int depth) {
     TileNode node;
+    node.side_m = 4 * quarter_m;
     if (faces.size() <= leaf_faces_) {
       for (const uint32_t f : faces) node.faces.Add(sheet_.faces[f], sheet_.labels[f]);
     } else {
@@ -171,29 +174,27 @@ class TileSetWriter {
     for (const int child : node.children) {
       TileNode& c = (*nodes)[child];
       fine.Append(c.faces);
-      node.finest.insert(node.finest.end(), c.finest.begin(), c.finest.end());
       c.faces = {};
-      c.finest = {};
       node.box.extend(c.box);
       node.error_m = std::max(node.error_m, c.error_m);
     }
     const Tiles3dMesh mesh = CompactTiles3d(vertices_, fine);
     for (const Eigen::Vector3d& p : mesh.vertices.positions) node.box.extend(p);
-    Tiles3dFaces faces = mesh.faces;
+    const bool photographic = input_.options.color == VertexColor::kImage && !mesh.vertices.colors.empty();
+    Tiles3dFaces faces;
     if (node.children.empty()) {
-      node.finest = mesh.vertex_of;
+      faces = mesh.faces;
     } else {
-      faces = SimplifyTiles3d(mesh.vertices, mesh.faces, sizes_.node_faces);
-      std::vector<Eigen::Vector3d> points;
-      for (const uint32_t v : node.finest) points.push_back(vertices_.positions[v]);
+      Tiles3dLevel level =
+          SimplifyTiles3d(mesh.vertices, mesh.faces, Tiles3dTargetOf(sizes_, node.side_m, photographic));
+      faces = std::move(level.faces);
       // The parent's error is larger, also where nothing was simplified.
-      node.error_m = std::max(Tiles3dDistance(points, mesh.vertices, faces), node.error_m + kTiles3dGrid_m);
+      node.error_m += std::max(level.distance_m, kTiles3dGrid_m);
     }
     for (size_t f = 0; f < faces.size(); ++f) {
       const Triangle& face = faces.corners[f];
       node.faces.Add({mesh.vertex_of[face[0]], mesh.vertex_of[face[1]], mesh.vertex_of[face[2]]}, faces.labels[f]);
     }
-    const bool photographic = input_.options.color == VertexColor::kImage && !mesh.vertices.colors.empty();
     return MakeTiles3dGlb(mesh.vertices, faces, input_.scene.classes, photographic);
   }
 

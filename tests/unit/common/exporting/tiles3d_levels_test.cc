@@ -7,6 +7,7 @@
 #include "common/exporting/tiles3d/tiles3d_border.h"
 #include "common/exporting/tiles3d/tiles3d_mesh.h"
 #include "common/exporting/tiles3d/tiles3d_part.h"
+#include "common/exporting/tiles3d/tiles3d_simplify.h"
 #include "common/geometry/nearest_surface.h"
 #include "tests/unit/common/exporting/tiles3d_reader.h"
 
@@ -189,7 +190,6 @@ TEST(Tiles3dLevelsTest, HaveErrorsThatAreNoLessThanTheDistancesOfTheFinestVertic
                  EXPECT_EQ(tile.error_m, 0);
                  return;
                }
-               EXPECT_LT(tile.error_m, 20) << tile.path;
                const NearestSurface surface(mesh);
                double distance_m = 0;
                for (const TriangleMesh& leaf : leaves) {
@@ -197,6 +197,9 @@ TEST(Tiles3dLevelsTest, HaveErrorsThatAreNoLessThanTheDistancesOfTheFinestVertic
                    distance_m = std::max(distance_m, surface.Find(p).distance_m);
                }
                EXPECT_GE(tile.error_m, distance_m - 1e-12) << tile.path;
+               // Not more than what the side permits, and what is lost at the border; a sheet has 16 m.
+               const double side_m = std::ldexp(16, TileLevelOf(tile));
+               EXPECT_LE(tile.error_m, 1.5 * terrain.sizes.error * side_m) << tile.path;
                for (const ReadTile& child : tile.children) EXPECT_GT(tile.error_m, child.error_m);
              });
 }
@@ -242,20 +245,83 @@ double TileAreaOfLabel(const Tiles3dMesh& mesh, const Tiles3dFaces& faces, int32
 
 TEST(SimplifyTiles3dTest, KeepsTheBordersOfClassesAndTheDistance) {
   const Tiles3dMesh mesh = FlatTiles3d(40);
-  const Tiles3dFaces simple = SimplifyTiles3d(mesh.vertices, mesh.faces, 400);
-  EXPECT_LE(simple.size(), 400u + 160);  // 160 vertices are on the border
-  EXPECT_DOUBLE_EQ(TileAreaOfLabel(mesh, simple, 0), 800);
-  EXPECT_DOUBLE_EQ(TileAreaOfLabel(mesh, simple, 1), 800);
-  EXPECT_LT(Tiles3dDistance(mesh.vertices.positions, mesh.vertices, simple), 1e-9);
+  const Tiles3dLevel level = SimplifyTiles3d(mesh.vertices, mesh.faces, {0.5, 0, 100000});
+  EXPECT_LE(level.faces.size(), 400u);  // of 3,200; 160 vertices are on the border
+  EXPECT_NEAR(TileAreaOfLabel(mesh, level.faces, 0), 800, 1e-9);
+  EXPECT_NEAR(TileAreaOfLabel(mesh, level.faces, 1), 800, 1e-9);
+  EXPECT_LT(level.distance_m, 1e-9);
+  EXPECT_LT(Tiles3dDistance(mesh.vertices.positions, mesh.vertices, level.faces), 1e-9);
 }
 
 TEST(SimplifyTiles3dTest, GivesUpBordersOfClassesThatAreNoise) {
   Tiles3dMesh mesh = FlatTiles3d(60);
   Random random(1);
   for (int32_t& label : mesh.faces.labels) label = static_cast<int32_t>(random.Below(3));
-  const Tiles3dFaces simple = SimplifyTiles3d(mesh.vertices, mesh.faces, 700);
-  EXPECT_LE(simple.size(), 1.5 * (700 + 240));  // 240 vertices are on the border
+  EXPECT_GT(SimplifyTiles3d(mesh.vertices, mesh.faces, {0.5, 0, 100000}).faces.size(), 5000u);
+  const Tiles3dFaces simple = SimplifyTiles3d(mesh.vertices, mesh.faces, {0.5, 0, 700}).faces;
+  EXPECT_LE(simple.size(), 700u + 240);  // 240 vertices are on the border
   for (int32_t label = 0; label < 3; ++label) EXPECT_GT(TileAreaOfLabel(mesh, simple, label), 300);
+}
+
+// A square of rough ground with masts of one vertex, 2 m high, some of them on a slope.
+Tiles3dMesh RoughTiles3d(int side, uint64_t seed) {
+  Tiles3dMesh mesh = FlatTiles3d(side);
+  Random random(seed);
+  for (Eigen::Vector3d& p : mesh.vertices.positions) {
+    p.z() = random.Uniform(-0.05, 0.05) + (p.x() > side / 2.0 ? 0.3 * (p.x() - side / 2.0) : 0);
+    if (random.Below(60) == 0) p.z() += 2;
+    p = (p / kTiles3dGrid_m).array().round() * kTiles3dGrid_m;
+  }
+  return mesh;
+}
+
+TEST(SimplifyTiles3dTest, KeepsEachVertexWithinTheDistanceThatItTells) {
+  for (const uint64_t seed : {1, 2, 3}) {
+    const Tiles3dMesh mesh = RoughTiles3d(50, seed);
+    size_t more = mesh.faces.size();
+    for (const double distance_m : {0.02, 0.1, 0.5, 1.0}) {
+      const Tiles3dLevel level = SimplifyTiles3d(mesh.vertices, mesh.faces, {distance_m, 0, 100000});
+      EXPECT_LE(level.distance_m, distance_m);
+      const double measured_m = Tiles3dDistance(mesh.vertices.positions, mesh.vertices, level.faces);
+      EXPECT_LE(measured_m, level.distance_m + 1e-12);
+      EXPECT_LT(level.faces.size(), more);
+      more = level.faces.size();
+    }
+    // The masts stay, which means over areas would not notice.
+    EXPECT_LT(more, mesh.faces.size() / 3);
+  }
+}
+
+TEST(SimplifyTiles3dTest, KeepsTheTopologyAndTheBorder) {
+  const Tiles3dMesh mesh = RoughTiles3d(30, 4);
+  const Tiles3dFaces simple = SimplifyTiles3d(mesh.vertices, mesh.faces, {3, 0, 100000}).faces;
+  EXPECT_EQ(Tiles3dBorderEdges(simple, mesh.vertices.positions.size()),
+            Tiles3dBorderEdges(mesh.faces, mesh.vertices.positions.size()));
+  std::map<std::array<uint32_t, 2>, int> edges;
+  std::set<uint32_t> vertices;
+  for (const Triangle& face : simple.corners) {
+    for (int k = 0; k < 3; ++k) {
+      const uint32_t a = face[k], b = face[(k + 1) % 3];
+      ++edges[{std::min(a, b), std::max(a, b)}];
+      vertices.insert(a);
+    }
+  }
+  for (const auto& [edge, count] : edges) EXPECT_LE(count, 2);
+  EXPECT_EQ(static_cast<int>(vertices.size() + simple.size()) - static_cast<int>(edges.size()), 1);  // a disk
+}
+
+TEST(SimplifyTiles3dTest, EndsWithTheFacesThatPicturesNeed) {
+  const Tiles3dMesh mesh = FlatTiles3d(40);
+  const size_t size = SimplifyTiles3d(mesh.vertices, mesh.faces, {5, 1000, 2000}).faces.size();
+  EXPECT_NEAR(static_cast<double>(size), 1000 + 160, 2);
+}
+
+TEST(SimplifyTiles3dTest, GoesFartherIfTooManyFacesAreLeft) {
+  const Tiles3dMesh mesh = RoughTiles3d(50, 5);
+  const Tiles3dLevel level = SimplifyTiles3d(mesh.vertices, mesh.faces, {0.01, 0, 1000});
+  EXPECT_LE(level.faces.size(), 1000u + 200);  // 200 vertices are on the border
+  EXPECT_GT(level.faces.size(), 900u);
+  EXPECT_GT(level.distance_m, 0.01);
 }
 
 TEST(SimplifyTiles3dTest, MeasuresTheDistanceOfAVertexThatIsLeftOut) {
@@ -315,15 +381,29 @@ TEST(SimplifyTiles3dChainTest, ShrinksASmallLoopToAPoint) {
 
 TEST(ThinTiles3dBorderTest, KeepsCornersWhereTilesMeetAndTheArea) {
   const Tiles3dMesh mesh = FlatTiles3d(20);
-  const Tiles3dFaces alone = ThinTiles3dBorder(mesh.vertices, mesh.faces, {}, 0.1);
+  const Tiles3dFaces alone = ThinTiles3dBorder(mesh.vertices, mesh.faces, {}, 0.1, 0.1);
   EXPECT_EQ(Tiles3dBorderEdges(alone, mesh.vertices.positions.size()).size(), 4u);
   EXPECT_DOUBLE_EQ(TileAreaOfLabel(mesh, alone, 0) + TileAreaOfLabel(mesh, alone, 1), 400);
   // Two more tiles below: they meet this one at (7, 0, 0).
   const Tiles3dFaces thinned = ThinTiles3dBorder(
-      mesh.vertices, mesh.faces, {Tiles3dEdge{Eigen::Vector3d(7, 0, 0), Eigen::Vector3d(7, -1, 0)}}, 0.1);
+      mesh.vertices, mesh.faces, {Tiles3dEdge{Eigen::Vector3d(7, 0, 0), Eigen::Vector3d(7, -1, 0)}}, 0.1, 0.1);
   const auto edges = Tiles3dBorderEdges(thinned, mesh.vertices.positions.size());
   EXPECT_EQ(edges.size(), 5u);
   EXPECT_TRUE(std::any_of(edges.begin(), edges.end(), [](const auto& edge) { return edge[0] == 7 || edge[1] == 7; }));
+}
+
+TEST(ThinTiles3dBorderTest, HasAToleranceOfItsOwnForRimsThatNoOtherTileHas) {
+  Tiles3dMesh mesh = FlatTiles3d(20);
+  Random random(6);
+  for (Eigen::Vector3d& p : mesh.vertices.positions) p.z() = random.Uniform(-0.2, 0.2);
+  std::vector<Tiles3dEdge> others;  // a tile along the side y = 0
+  const std::vector<Eigen::Vector3d>& p = mesh.vertices.positions;
+  for (int x = 0; x < 20; ++x) others.push_back({p[x + 1], p[x]});
+  const Tiles3dFaces thinned = ThinTiles3dBorder(mesh.vertices, mesh.faces, others, 0.01, 1);
+  std::array<int, 2> sides = {0, 0};  // edges on y = 0, and others
+  for (const auto& [a, b] : Tiles3dBorderEdges(thinned, p.size())) ++sides[p[a].y() == 0 && p[b].y() == 0 ? 0 : 1];
+  EXPECT_GT(sides[0], 15);
+  EXPECT_EQ(sides[1], 3);
 }
 
 TEST(Tiles3dPartTest, IsReadAsItWasWrittenAndRefusedIfItIsDamaged) {

@@ -154,7 +154,7 @@ struct ExportedTerrain {
   ExportScene scene;
   ExportOptions options;
   std::map<SheetId, Sheet> sheets;
-  Tiles3dSizes sizes = {.leaf_faces = 500, .node_faces = 300};
+  Tiles3dSizes sizes = {.leaf_faces = 500, .error = 1.0 / 20};
 
   // `side`: squares along a side, of 0.5 m; their middle is at the local origin, where four sheets meet.
   explicit ExportedTerrain(int side, uint64_t seed, const Crs& crs = {}, const Eigen::Vector3d& near = {0, 0, 0}) {

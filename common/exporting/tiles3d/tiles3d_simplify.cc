@@ -1,0 +1,350 @@
+#include "common/exporting/tiles3d/tiles3d_simplify.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <queue>
+#include <utility>
+#include <vector>
+
+#include "common/geometry/nearest_surface.h"
+
+namespace tessera {
+namespace {
+
+constexpr uint32_t kNoCollapse = std::numeric_limits<uint32_t>::max();
+// A face may turn so far (cosine) in one collapse.
+constexpr double kCollapseTurn = 0.25;
+// Weight of the squared length of an edge beside its quadric error. Where errors are equal, short edges go first, and
+// no edge longer than 32 times the allowed distance goes.
+constexpr double kCollapseLength = 1.0 / 1024;
+// Faces around a vertex at most: more make thin faces and slow checks.
+constexpr size_t kCollapseValence = 40;
+// By which the distance grows while too many faces are left.
+constexpr double kCollapseGrowth = 1.4142135623730951;
+constexpr int kCollapseSteps = 16;
+// A face that is nearer than this part of the allowed squared distance need not be the nearest.
+constexpr double kCollapseNear = 1.0 / 16;
+// Weight of the quadrics of borders of classes.
+constexpr double kCollapseSeam = 2;
+
+// Weighted mean of squared distances to planes.
+struct PlaneQuadric {
+  Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();
+  double c = 0, weight = 0;
+
+  void AddPlane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double w) {
+    const double d = -normal.dot(point);
+    a += w * normal * normal.transpose();
+    b += w * d * normal;
+    c += w * d * d;
+    weight += w;
+  }
+  void Add(const PlaneQuadric& other) {
+    a += other.a;
+    b += other.b;
+    c += other.c;
+    weight += other.weight;
+  }
+  double Error(const Eigen::Vector3d& p) const {
+    return weight > 0 ? std::max(0.0, (p.dot(a * p) + 2 * b.dot(p) + c) / weight) : 0;
+  }
+};
+
+// A neighbour of a vertex.
+struct RingVertex {
+  uint32_t vertex = 0;
+  int32_t label = 0;     // of the first face on their edge
+  bool is_seam = false;  // the faces on their edge are of different classes
+};
+
+class TileCollapser {
+ public:
+  TileCollapser(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, std::vector<uint8_t> border)
+      : faces_(faces.corners),
+        labels_(faces.labels),
+        left_(faces.size()),
+        is_alive_(faces.size(), 1),
+        is_border_(std::move(border)),
+        first_point_(faces.size(), kNoCollapse) {
+    const size_t count = vertices.positions.size();
+    Eigen::AlignedBox3d box;
+    for (const Eigen::Vector3d& p : vertices.positions) box.extend(p);
+    positions_.reserve(count);
+    for (const Eigen::Vector3d& p : vertices.positions) positions_.push_back(p - box.center());
+    next_point_.assign(count, kNoCollapse);
+    quadrics_.resize(count);
+    faces_of_.resize(count);
+    state_.assign(count, State::kIdle);
+    marks_.assign(count, 0);
+    std::vector<uint32_t> valence(count, 0);
+    for (const Triangle& face : faces_) {
+      for (const uint32_t v : face) ++valence[v];
+    }
+    for (size_t v = 0; v < count; ++v) faces_of_[v].reserve(valence[v] + 2);
+    for (uint32_t f = 0; f < faces_.size(); ++f) {
+      for (const uint32_t v : faces_[f]) faces_of_[v].push_back(f);
+      const Eigen::Vector3d cross = Cross(faces_[f]);
+      const double area = cross.norm();
+      if (!(area > 0)) continue;
+      PlaneQuadric quadric;
+      quadric.AddPlane(cross / area, positions_[faces_[f][0]], area);
+      for (const uint32_t v : faces_[f]) quadrics_[v].Add(quadric);
+    }
+    AddSeamQuadrics();
+  }
+
+  // Collapses what the distance permits, until `enough` faces are left.
+  void Collapse(double distance_m, size_t enough) {
+    squared_ = distance_m * distance_m;
+    for (uint32_t v = 0; v < positions_.size(); ++v) {
+      if (!is_border_[v] && !faces_of_[v].empty()) Push(v);
+    }
+    while (!queue_.empty() && left_ > enough) {
+      const auto [key, v] = queue_.top();
+      queue_.pop();
+      state_[v] = State::kIdle;
+      if (faces_of_[v].empty()) continue;
+      FindTargets(v);
+      if (targets_.empty()) continue;
+      if (targets_[0].first > key && !queue_.empty() && targets_[0].first > queue_.top().first) {
+        state_[v] = State::kQueued;
+        queue_.push({targets_[0].first, v});
+        continue;
+      }
+      TryTargets(v);
+    }
+    queue_ = {};
+    std::fill(state_.begin(), state_.end(), State::kIdle);
+  }
+
+  void IgnoreClasses() { keeps_classes_ = false; }
+  size_t left() const { return left_; }
+
+  Tiles3dLevel Level() const {
+    Tiles3dLevel level;
+    for (size_t f = 0; f < faces_.size(); ++f) {
+      if (!is_alive_[f]) continue;
+      level.faces.Add(faces_[f], labels_[f]);
+      for (uint32_t p = first_point_[f]; p != kNoCollapse; p = next_point_[p]) {
+        level.distance_m = std::max(level.distance_m, std::sqrt(SquaredDistance(p, faces_[f])));
+      }
+    }
+    return level;
+  }
+
+ private:
+  enum class State : uint8_t { kIdle, kQueued };
+  using Entry = std::pair<double, uint32_t>;
+  static constexpr size_t kTries = 3;
+
+  Eigen::Vector3d Cross(const Triangle& face) const {
+    const Eigen::Vector3d& a = positions_[face[0]];
+    return (positions_[face[1]] - a).cross(positions_[face[2]] - a);
+  }
+
+  double SquaredDistance(uint32_t point, const Triangle& face) const {
+    const Eigen::Vector3d& p = positions_[point];
+    return (NearestPointOfTriangle(p, positions_[face[0]], positions_[face[1]], positions_[face[2]]) - p).squaredNorm();
+  }
+
+  // Planes through the borders of classes, upright on the faces there: vertices of them leave them late.
+  void AddSeamQuadrics() {
+    for (uint32_t v = 0; v < positions_.size(); ++v) {
+      FindRing(v);
+      for (const RingVertex& n : ring_) {
+        if (!n.is_seam || n.vertex < v) continue;
+        const Eigen::Vector3d edge = positions_[n.vertex] - positions_[v];
+        for (const uint32_t f : faces_of_[v]) {
+          const Triangle& face = faces_[f];
+          if (std::find(face.begin(), face.end(), n.vertex) == face.end()) continue;
+          const Eigen::Vector3d normal = edge.cross(Cross(face));
+          if (!(normal.squaredNorm() > 0)) continue;
+          PlaneQuadric quadric;
+          quadric.AddPlane(normal.normalized(), positions_[v], kCollapseSeam * edge.squaredNorm());
+          quadrics_[v].Add(quadric);
+          quadrics_[n.vertex].Add(quadric);
+        }
+      }
+    }
+  }
+
+  // Fills ring_; returns the number of its seam edges.
+  int FindRing(uint32_t v) {
+    ring_.clear();
+    for (const uint32_t f : faces_of_[v]) {
+      for (const uint32_t n : faces_[f]) {
+        if (n == v) continue;
+        auto it = std::find_if(ring_.begin(), ring_.end(), [n](const RingVertex& r) { return r.vertex == n; });
+        if (it == ring_.end()) it = ring_.insert(ring_.end(), {n, labels_[f], false});
+        it->is_seam = it->is_seam || it->label != labels_[f];
+      }
+    }
+    return static_cast<int>(std::count_if(ring_.begin(), ring_.end(), [](const RingVertex& r) { return r.is_seam; }));
+  }
+
+  // Fills targets_ with the neighbours that v may go to, best first.
+  void FindTargets(uint32_t v) {
+    targets_.clear();
+    int seams = FindRing(v);
+    if (!keeps_classes_) seams = 0;
+    if (seams != 0 && seams != 2) return;
+    for (const RingVertex& n : ring_) {
+      if (seams == 2 && !n.is_seam) continue;
+      const Eigen::Vector3d& p = positions_[n.vertex];
+      targets_.push_back({quadrics_[v].Error(p) + kCollapseLength * (p - positions_[v]).squaredNorm(), n.vertex});
+    }
+    const size_t best = std::min(kTries, targets_.size());
+    std::partial_sort(targets_.begin(), targets_.begin() + static_cast<std::ptrdiff_t>(best), targets_.end());
+    targets_.resize(best);
+  }
+
+  void Push(uint32_t v) {
+    if (state_[v] == State::kQueued) return;
+    FindTargets(v);
+    if (targets_.empty() || targets_[0].first > squared_) return;
+    state_[v] = State::kQueued;
+    queue_.push({targets_[0].first, v});
+  }
+
+  void TryTargets(uint32_t v) {
+    for (size_t i = 0; i < targets_.size() && targets_[i].first <= squared_; ++i) {
+      const uint32_t target = targets_[i].second;
+      if (!Fits(v, target) || !Places(v)) continue;
+      CollapseInto(v, target);
+      FindRing(target);
+      const std::vector<RingVertex> around = ring_;
+      if (!is_border_[target]) Push(target);
+      for (const RingVertex& n : around) {
+        if (!is_border_[n.vertex]) Push(n.vertex);
+      }
+      return;
+    }
+  }
+
+  // Whether the surface keeps its topology (link condition) and no face turns over if v goes to `target`. ring_ is that
+  // of v. Fills moved_ with the faces that v has afterwards.
+  bool Fits(uint32_t v, uint32_t target) {
+    moved_.clear();
+    size_t lost = 0, common = 0;
+    ++mark_;
+    for (const RingVertex& n : ring_) marks_[n.vertex] = mark_;
+    for (const uint32_t f : faces_of_[target]) {
+      for (const uint32_t n : faces_[f]) {
+        if (n == target || marks_[n] != mark_) continue;
+        ++common;
+        marks_[n] = 0;
+      }
+    }
+    for (const uint32_t f : faces_of_[v]) {
+      Triangle face = faces_[f];
+      if (std::find(face.begin(), face.end(), target) != face.end()) {
+        ++lost;
+        continue;
+      }
+      const Eigen::Vector3d before = Cross(face);
+      std::replace(face.begin(), face.end(), v, target);
+      const Eigen::Vector3d after = Cross(face);
+      if (before.squaredNorm() > 0 && before.dot(after) <= kCollapseTurn * before.norm() * after.norm()) return false;
+      moved_.push_back({f, face});
+    }
+    return !moved_.empty() && common == lost && faces_of_[target].size() + moved_.size() <= kCollapseValence + lost;
+  }
+
+  // Fills places_ with the nearest of the moved faces for each point; false if one is too far from all.
+  bool Places(uint32_t v) {
+    places_.clear();
+    if (!Place(v)) return false;
+    for (const uint32_t f : faces_of_[v]) {
+      for (uint32_t p = first_point_[f]; p != kNoCollapse; p = next_point_[p]) {
+        if (!Place(p)) return false;
+      }
+    }
+    return true;
+  }
+
+  bool Place(uint32_t point) {
+    double nearest = std::numeric_limits<double>::infinity();
+    uint32_t place = kNoCollapse;
+    for (const auto& [f, face] : moved_) {
+      const double squared = SquaredDistance(point, face);
+      if (squared < nearest) {
+        nearest = squared;
+        place = f;
+        if (squared <= kCollapseNear * squared_) break;
+      }
+    }
+    places_.push_back({point, place});
+    return nearest <= squared_;
+  }
+
+  void CollapseInto(uint32_t v, uint32_t target) {
+    for (const uint32_t f : faces_of_[v]) {
+      first_point_[f] = kNoCollapse;
+      const Triangle& face = faces_[f];
+      if (std::find(face.begin(), face.end(), target) == face.end()) continue;
+      is_alive_[f] = 0;
+      --left_;
+      for (const uint32_t n : face) {
+        if (n != v) std::erase(faces_of_[n], f);
+      }
+    }
+    for (const auto& [f, face] : moved_) {
+      faces_[f] = face;
+      faces_of_[target].push_back(f);
+    }
+    for (const auto& [point, f] : places_) {
+      next_point_[point] = first_point_[f];
+      first_point_[f] = point;
+    }
+    faces_of_[v] = {};
+    quadrics_[target].Add(quadrics_[v]);
+  }
+
+  std::vector<Eigen::Vector3d> positions_;
+  std::vector<Triangle> faces_;
+  std::vector<int32_t> labels_;
+  size_t left_;
+  double squared_ = 0;  // the square of the largest distance
+  std::vector<uint8_t> is_alive_, is_border_;
+  std::vector<std::vector<uint32_t>> faces_of_;
+  std::vector<PlaneQuadric> quadrics_;
+  // Vertices that have gone, as lists of the faces that they are nearest to.
+  std::vector<uint32_t> first_point_, next_point_;
+  std::vector<State> state_;
+  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue_;
+  std::vector<uint32_t> marks_;  // per vertex
+  uint32_t mark_ = 0;
+  bool keeps_classes_ = true;
+  // Of the vertex that is looked at.
+  std::vector<RingVertex> ring_;
+  std::vector<Entry> targets_;
+  std::vector<std::pair<uint32_t, Triangle>> moved_;
+  std::vector<std::pair<uint32_t, uint32_t>> places_;
+};
+
+}  // namespace
+
+Tiles3dLevel SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, const Tiles3dTarget& target) {
+  const std::vector<uint8_t> border = Tiles3dBorder(faces, vertices.positions.size());
+  const auto border_count = static_cast<size_t>(std::count(border.begin(), border.end(), 1));
+  const size_t enough = target.min_faces + border_count, most = std::max(target.max_faces + border_count, enough);
+  TileCollapser collapser(vertices, faces, border);
+  double distance_m = target.distance_m;
+  collapser.Collapse(distance_m, enough);
+  if (collapser.left() > most) {
+    collapser.IgnoreClasses();
+    collapser.Collapse(distance_m, most);
+  }
+  for (int step = 0; step < kCollapseSteps && collapser.left() > most; ++step) {
+    distance_m *= kCollapseGrowth;
+    collapser.Collapse(distance_m, most);
+  }
+  return collapser.Level();
+}
+
+}  // namespace tessera
