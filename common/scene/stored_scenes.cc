@@ -172,6 +172,16 @@ std::map<std::string, S3Counts> StoredScenes::counts() const {
   return counts;
 }
 
+StatusOr<Digest> HashSceneFile(const std::string& path, const StoredScenes* scenes) {
+  if (!IsS3Url(path)) return HashFile(path);
+  if (scenes == nullptr) {
+    return absl::UnavailableError(path + " cannot be read without --scene-root s3://BUCKET/PREFIX");
+  }
+  StatusOr<Digest> digest = scenes->Hash(path);
+  if (digest.ok() || absl::IsNotFound(digest.status()) || !scenes->Find(path).ok()) return digest;
+  return absl::UnavailableError(absl::StrCat(path, ": ", std::string(digest.status().message())));
+}
+
 void FetchedScene::Describe(SceneLoadOptions* options) const {
   for (const ManifestFile& file : manifest.files) {
     if (FileExists(absl::StrCat(folder, "/", file.name))) continue;  // fetched

@@ -47,6 +47,10 @@ class StoredScenes {
   std::vector<Root> roots_;
 };
 
+// Hashes a file of a scene: a path, or a URL in `scenes`, which may be null. Errors are those of a missing or changed
+// file, also for a URL that is in no root; UNAVAILABLE if the store does not answer or there is no store.
+StatusOr<Digest> HashSceneFile(const std::string& path, const StoredScenes* scenes);
+
 // A scene in a store, and the files that its description needs, in a local folder.
 struct FetchedScene {
   std::string url;  // s3://BUCKET/PREFIX, without a slash at its end

@@ -127,9 +127,21 @@ grpc::Status BlobsService::StatBlobs(grpc::ServerContext* context, const v1::Sta
                              "at most " + std::to_string(kMaxDigests) + " in a call"));
   }
   const Caller caller = environment_.access->CallerOf(*context);
+  std::vector<Digest> readable;
+  std::vector<int> place;  // of each in the answer
   for (const auto& message : request->digests()) {
     const Digest digest = FromProto(message);
-    response->add_stored(MayRead(caller, digest).ok() && Locate(caller, digest).ok());
+    if (MayRead(caller, digest).ok()) {
+      readable.push_back(digest);
+      place.push_back(response->stored_size());
+    }
+    response->add_stored(false);
+  }
+  const std::vector<Status> found = StatMany(*environment_.blobs, readable);
+  for (size_t i = 0; i < readable.size(); ++i) {
+    // A scene file has no blob.
+    const bool stored = found[i].ok() || (absl::IsNotFound(found[i]) && Locate(caller, readable[i]).ok());
+    response->set_stored(place[i], stored);
   }
   return grpc::Status::OK;
 }

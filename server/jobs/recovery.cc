@@ -4,6 +4,7 @@
 #include <shared_mutex>
 #include <utility>
 
+#include "common/base/parallel.h"
 #include "server/leases/attempts.h"
 #include "server/ledger/base_of.h"
 #include "server/ledger/task_inputs.h"
@@ -159,9 +160,13 @@ StatusOr<bool> Recovery::RemakeForPlan(const PendingStep& step) {
     if (digest.ok()) reads.emplace_back(*digest, true);
   }
   if (step.base && step.base->ok()) reads.emplace_back((**step.base).survey, false);
+  std::vector<Status> found(reads.size());
+  ConcurrentForEach(static_cast<int64_t>(reads.size()), BlobStore::kCallsAtOnce,
+                    [&](int64_t i) { found[i] = environment_.blobs->VerifyOrQuarantine(reads[i].first); });
   bool waits = false;
-  for (const auto& [digest, own] : reads) {
-    const Status status = environment_.blobs->VerifyOrQuarantine(digest);
+  for (size_t i = 0; i < reads.size(); ++i) {
+    const auto& [digest, own] = reads[i];
+    const Status& status = found[i];
     if (status.ok()) continue;
     if (!IsLost(status)) return status;
     const std::shared_lock refers(core_.blob_use().mutex);

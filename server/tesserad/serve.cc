@@ -109,16 +109,6 @@ std::vector<std::string> FoldersOf(std::vector<std::string> scene_roots) {
   return scene_roots;
 }
 
-// DispatchEnvironment::hash_scene_file.
-StatusOr<Digest> HashSceneFile(const std::string& path, const StoredScenes* scenes) {
-  if (!IsS3Url(path)) return HashFile(path);
-  if (scenes == nullptr)
-    return absl::UnavailableError(path + " cannot be read without --scene-root s3://BUCKET/PREFIX");
-  StatusOr<Digest> digest = scenes->Hash(path);
-  if (digest.ok() || absl::IsNotFound(digest.status()) || !scenes->Find(path).ok()) return digest;
-  return absl::UnavailableError(absl::StrCat(path, ": ", std::string(digest.status().message())));
-}
-
 // Requests to S3 stores, for blobs and scenes. Empty if there is no store.
 std::function<std::map<std::string, S3Counts>()> CountsOf(const OpenedBlobs& blobs, const StoredScenes* scenes) {
   if (scenes == nullptr) return blobs.counts;

@@ -203,5 +203,21 @@ TEST_F(StoredScenesTest, IsCancelled) {
   EXPECT_EQ(FetchScene(*scenes_, Upload(), [] { return true; }).status().code(), absl::StatusCode::kCancelled);
 }
 
+// A job fails for a file that cannot come back, and waits for a store that does not answer.
+TEST_F(StoredScenesTest, HashOfASceneFileTellsAnOutageFromAChangedFile) {
+  Make();
+  const std::string url = Upload(), file = url + "/scene.json";
+  const Digest digest = *HashFile(scene_ + "/scene.json");
+  EXPECT_EQ(*HashSceneFile(scene_ + "/scene.json", nullptr), digest);
+  EXPECT_EQ(*HashSceneFile(file, scenes_.get()), digest);
+  EXPECT_TRUE(absl::IsNotFound(HashSceneFile(url + "/no-file", scenes_.get()).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(HashSceneFile("s3://elsewhere/scene.json", scenes_.get()).status()));
+  EXPECT_TRUE(absl::IsUnavailable(HashSceneFile(file, nullptr).status()));
+  S3ClientOptions once;
+  once.retry.max_attempts = 1;
+  const auto away = *StoredScenes::Open({root_}, "http://127.0.0.1:1", "", s3_->credentials.get(), &s3_->clock, once);
+  EXPECT_TRUE(absl::IsUnavailable(HashSceneFile(file, away.get()).status()));
+}
+
 }  // namespace
 }  // namespace tessera
