@@ -23,7 +23,8 @@ function cityFaces(x0, y0, size, blocks, lift) {
   return faces;
 }
 
-function glb(faces) {
+// `measured`: with confidence and displacement, as a result has them.
+function glb(faces, measured) {
   const buffers = [], views = [], accessors = [];
   let length = 0;
   const view = (array) => {
@@ -55,7 +56,7 @@ function glb(faces) {
   const attributes = {
     POSITION: accessor(positions, 5126, 'VEC3', count, { min, max }), NORMAL: accessor(normals, 5126, 'VEC3', count),
     COLOR_0: accessor(colors, 5123, 'VEC4', count, { normalized: true }), _FEATURE_ID_0: accessor(features, 5123, 'SCALAR', count),
-    _CONFIDENCE: accessor(confidence, 5126, 'SCALAR', count), _DISPLACEMENT: accessor(displacement, 5126, 'SCALAR', count),
+    ...(measured && { _CONFIDENCE: accessor(confidence, 5126, 'SCALAR', count), _DISPLACEMENT: accessor(displacement, 5126, 'SCALAR', count) }),
   };
   views[accessors[attributes._FEATURE_ID_0].bufferView].byteStride = 4;
   const indices = accessor(Uint32Array.from({ length: count }, (_, i) => i), 5125, 'SCALAR', count);
@@ -103,11 +104,11 @@ export function makeTiles(folder) {
     const children = [];
     for (let x = 0; x < 800; x += 200) {
       for (let y = 0; y < 500; y += 250) {
-        writeFileSync(join(out, `${x}_${y}.glb`), glb(cityFaces(x, y, 200, 5, lift)));
+        writeFileSync(join(out, `${x}_${y}.glb`), glb(cityFaces(x, y, 200, 5, lift), set === 'result'));
         children.push({ boundingVolume: box(x, y, 200, 250), geometricError: 0, content: { uri: `${x}_${y}.glb` } });
       }
     }
-    writeFileSync(join(out, 'root.glb'), glb(cityFaces(0, 0, 500, 4, lift)));
+    writeFileSync(join(out, 'root.glb'), glb(cityFaces(0, 0, 500, 4, lift), set === 'result'));
     writeFileSync(join(out, 'tileset.json'), JSON.stringify({ asset: { version: '1.1' }, geometricError: 900,
       root: { boundingVolume: box(0, 0, 800, 500), geometricError: 60, refine: 'REPLACE', content: { uri: 'root.glb' }, transform: transformAt(48.1, 11.6), children } }));
   }

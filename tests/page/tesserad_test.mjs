@@ -115,6 +115,7 @@ test('the result in 3D, with start and result', async () => {
   await page.waitForSelector('.result[data-loading="false"]');
   console.log(`first picture: ${Date.now() - begin} ms, ${await page.textContent('.status')}`);
   await picture(page, 'real_3d');
+  for (const mode of ['Confidence', 'Displacement']) await page.waitForSelector(`.choices label:has-text("${mode}")`);
   const box = await page.locator('.holder canvas').boundingBox();
   await page.fill('.wipe input', '0');
   await page.mouse.click(box.x + 0.5 * box.width, box.y + 0.55 * box.height);

@@ -4,7 +4,7 @@ import { h, renderInto, svg } from '../base/dom';
 import { fillOf, kLayers, kTileStates, kUnknownFill, type Layer, scaleOf, tileState, viridis } from './tile_layers';
 
 interface Box { x: number; y: number; width: number; height: number }
-interface Shape { group: SVGGElement; path: SVGPathElement; mark: SVGTextElement; x: number; y: number }
+interface Shape { group: SVGGElement; path: SVGPathElement; mark: SVGTextElement; x: number; y: number; side: number }
 
 const kMaxMarked = 400, kMargin = 0.06;
 
@@ -24,6 +24,7 @@ export class TileMap {
   private selected = -1;
   private extent: Box = { x: 0, y: 0, width: 1, height: 1 };
   private box: Box = this.extent;
+  private moved = false; // by the user: then a selection leaves the view as it is
 
   // `onSelect`: a tile was chosen; -1: none.
   constructor(private readonly onSelect: (tile: number) => void) {
@@ -49,11 +50,13 @@ export class TileMap {
   setViews(views: View[]): void {
     this.views = views;
     this.drawCameras();
+    if (!this.moved) this.fit();
   }
 
   select(tile: number): void {
     this.selected = tile;
     this.paint();
+    if (!this.moved) this.fit();
   }
 
   private build(): void {
@@ -71,12 +74,12 @@ export class TileMap {
         return `M${r.x0M} ${-r.y0M}H${r.x1M}V${-r.y1M}H${r.x0M}z`;
       });
       const path = svg('path', { d: parts.join('') });
-      const mark = svg('text', { x, y, 'font-size': Math.sqrt(area) * 0.3, 'aria-hidden': 'true' });
+      const mark = svg('text', { x, y, 'aria-hidden': 'true' });
       const group = svg('g', {
         class: 'tile', role: 'button', tabindex: -1,
         onclick: () => this.onSelect(this.selected === tile.tile ? -1 : tile.tile),
       }, path, mark);
-      this.shapes.set(tile.tile, { group, path, mark, x, y });
+      this.shapes.set(tile.tile, { group, path, mark, x, y, side: Math.sqrt(area) });
       return group;
     });
     this.shapesGroup.replaceChildren(...groups);
@@ -122,7 +125,7 @@ export class TileMap {
 
   private drawCameras(): void {
     const tile = this.tiles.find((each) => each.tile === this.selected);
-    const radius = Math.max(this.extent.width, this.extent.height) * 0.008;
+    const radius = Math.max(this.box.width, this.box.height) * 0.008;
     this.cameraGroup.replaceChildren(...(tile?.views ?? []).flatMap((index) => {
       const view = this.views[index];
       if (!view) return [];
@@ -167,6 +170,12 @@ export class TileMap {
   private show(box: Box): void {
     this.box = box;
     this.drawing.setAttribute('viewBox', `${box.x} ${box.y} ${box.width} ${box.height}`);
+    // Signs fit their tiles and are no larger than a twentieth of the map.
+    const largest = 0.05 * Math.max(box.width, box.height);
+    if (this.shapes.size <= kMaxMarked) {
+      for (const { mark, side } of this.shapes.values()) mark.setAttribute('font-size', String(Math.min(0.3 * side, largest)));
+    }
+    this.drawCameras();
   }
 
   // The tiles, and the cameras of the selected one.
@@ -176,15 +185,18 @@ export class TileMap {
     for (const index of tile?.views ?? []) {
       const view = this.views[index];
       if (!view) continue;
-      const right = Math.max(x + width, view.groundXM), bottom = Math.max(y + height, -view.groundYM);
-      x = Math.min(x, view.groundXM);
-      y = Math.min(y, -view.groundYM);
+      const margin = 0.03 * Math.max(this.extent.width, this.extent.height), { groundXM, groundYM } = view;
+      const right = Math.max(x + width, groundXM + margin), bottom = Math.max(y + height, -groundYM + margin);
+      x = Math.min(x, groundXM - margin);
+      y = Math.min(y, -groundYM - margin);
       [width, height] = [right - x, bottom - y];
     }
+    this.moved = false;
     this.show({ x, y, width, height });
   }
 
   private zoom(factor: number, clientX?: number, clientY?: number): void {
+    this.moved = true;
     const { x, y, width, height } = this.box;
     let at = { x: x + width / 2, y: y + height / 2 };
     const matrix = this.drawing.getScreenCTM();
@@ -206,7 +218,7 @@ export class TileMap {
       const matrix = this.drawing.getScreenCTM();
       const dx = event.clientX - from.x, dy = event.clientY - from.y;
       if (!matrix || (!moved && Math.hypot(dx, dy) < 5)) return;
-      moved = true;
+      moved = this.moved = true;
       this.show({ ...from.box, x: from.box.x - dx / matrix.a, y: from.box.y - dy / matrix.d });
     });
     window.addEventListener('pointerup', () => { from = null; });

@@ -38,6 +38,7 @@ export class ResultPanel {
   private classes: SurfaceClass[] = [];
   private has: Attributes = { confidence: false, displacement: false, color: false };
   private mode: ColorMode = 'class';
+  private hidden = false; // the address's classes have been hidden
   private hit: Hit | null = null;
   private measuring = false;
   private line: Vec[] = [];
@@ -114,6 +115,8 @@ export class ResultPanel {
 
   private setClasses(classes: SurfaceClass[], has: Attributes): void {
     [this.classes, this.has] = [classes, has];
+    if (this.hidden) return this.render();
+    this.hidden = true;
     const hidden = (currentRoute().query.get('hide') ?? '').split(',').filter(Boolean).map(Number);
     for (const index of hidden) this.viewer.look.setVisible(index, false);
     this.render();
@@ -234,7 +237,10 @@ export class ResultPanel {
     if (move) await this.viewer.ready;
     const at = this.frame.onGround([0, 0, 0]);
     if (move && core && at) {
-      this.viewer.show([(core.x0M + core.x1M) / 2 - at[0], (core.y0M + core.y1M) / 2 - at[1], this.viewer.height_m], 0.7 * size);
+      const middle: Vec = [(core.x0M + core.x1M) / 2 - at[0], (core.y0M + core.y1M) / 2 - at[1], this.viewer.height_m];
+      // So far away that the cameras are in view, too.
+      const farthest = Math.max(0, ...shown.map(({ centre }) => Math.hypot(centre[0] - middle[0], centre[1] - middle[1], centre[2] - middle[2])));
+      this.viewer.show(middle, Math.max(0.7 * size, Math.min(1.1 * farthest, 6 * size)));
     }
     this.render();
   }

@@ -13,10 +13,10 @@ export class TileSet {
   readonly group: Group;
   private failures = 0;
 
-  // `onChange`: another picture is needed. `onClasses`: the table of classes, from the first tile. `onFault`: a file
-  // could not be read.
+  // `on.change`: another picture is needed. `tile`: a tile was read; what its vertices
+  // have, and its table of classes. `fault`: a file could not be read.
   constructor(url: string, transform: number[] | null, private readonly look: SurfaceLook, camera: PerspectiveCamera,
-              renderer: WebGLRenderer, on: { change(): void; classes(classes: SurfaceClass[], has: Attributes): void; fault(text: string): void }) {
+              renderer: WebGLRenderer, on: { change(): void; tile(has: Attributes, classes: () => SurfaceClass[]): void; fault(text: string): void }) {
     this.tiles = new TilesRenderer(url);
     this.tiles.fetchOptions = { credentials: 'same-origin' };
     this.tiles.registerPlugin(new GLTFExtensionsPlugin({ metadata: true, rtc: false, autoDispose: false } as object));
@@ -33,7 +33,7 @@ export class TileSet {
       this.tiles.addEventListener(event, on.change);
     }
     this.tiles.addEventListener('load-model', (event: { scene: Object3D }) => {
-      this.dress(event.scene, on.classes);
+      this.dress(event.scene, on.tile);
       on.change();
     });
     this.tiles.addEventListener('load-error', (event: { error: Error; url: string | URL }) => {
@@ -50,7 +50,7 @@ export class TileSet {
     this.tiles.dispose();
   }
 
-  private dress(model: Object3D, onClasses: (classes: SurfaceClass[], has: Attributes) => void): void {
+  private dress(model: Object3D, onTile: (has: Attributes, classes: () => SurfaceClass[]) => void): void {
     model.traverse((object) => {
       const mesh = object as Mesh;
       if (!mesh.isMesh) return;
@@ -63,10 +63,8 @@ export class TileSet {
         geometry.deleteAttribute(from);
       }
       mesh.material = geometry.getAttribute('normal') ? this.look.lit : this.look.unlit;
-      if (this.look.classes.length === 0) {
-        const has = { confidence: geometry.hasAttribute('confidence'), displacement: geometry.hasAttribute('displacement'), color: geometry.hasAttribute('tint') };
-        onClasses(this.classesOf(mesh), has);
-      }
+      const has = { confidence: geometry.hasAttribute('confidence'), displacement: geometry.hasAttribute('displacement'), color: geometry.hasAttribute('tint') };
+      onTile(has, () => this.classesOf(mesh));
     });
   }
 

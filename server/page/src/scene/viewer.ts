@@ -35,6 +35,7 @@ export class Viewer {
   private wanted = false;
   private closed = false;
   private still: string = '';
+  private readonly has: Attributes = { confidence: false, displacement: false, color: false };
 
   // Throws if the browser has no WebGL 2. `camera`: place and target, east-north-up; null: the whole result.
   constructor(private readonly holder: HTMLElement, result: TileSetAddress, start: TileSetAddress | null, camera: Vec[] | null) {
@@ -63,7 +64,7 @@ export class Viewer {
     this.resize();
     const on = {
       change: () => this.invalidate(),
-      classes: (classes: SurfaceClass[], has: Attributes) => { this.look.setClasses(classes); this.onClasses(classes, has); },
+      tile: (has: Attributes, classes: () => SurfaceClass[]) => this.addTile(has, classes),
       fault: (text: string) => this.onFault(text),
     };
     for (const [side, address] of [['result', result], ['start', start]] as const) {
@@ -196,6 +197,15 @@ export class Viewer {
     this.look.dispose();
     this.renderer.dispose();
     this.canvas.remove();
+  }
+
+  // The first tile has the table of classes; tiles of the start may lack what those of the result have.
+  private addTile(has: Attributes, classes: () => SurfaceClass[]): void {
+    const first = this.look.classes.length === 0;
+    if (first) this.look.setClasses(classes());
+    const more = (Object.keys(has) as (keyof Attributes)[]).filter((name) => has[name] && !this.has[name]);
+    for (const name of more) this.has[name] = true;
+    if (first || more.length > 0) this.onClasses(this.look.classes, this.has);
   }
 
   private setSegments(lines: LineSegments, points: Vector3[]): void {

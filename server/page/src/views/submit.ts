@@ -24,7 +24,7 @@ function range(setting: Setting): string {
 }
 
 function words(name: string): string {
-  return name.replaceAll('_', ' ');
+  return name.replaceAll('_', ' ').replace(/\b(crs|gsd)\b/g, (word) => word.toUpperCase());
 }
 
 // The value of a field as JSON; undefined: not set.
@@ -107,7 +107,7 @@ export function submitView(_route: Route): View {
   }
 
   function field(setting: Setting): HTMLElement {
-    const id = `setting-${setting.name}`, value = values.get(setting.name) ?? '', standard = setting.defaults?.[method] ?? '';
+    const id = `setting-${setting.name}`, value = values.get(setting.name) ?? '', standard = (setting.defaults?.[method] ?? '').replace(/^true$/, 'yes').replace(/^false$/, 'no');
     const set = (event: Event) => {
       values.set(setting.name, (event.target as HTMLInputElement).value);
       changed();
