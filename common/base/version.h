@@ -5,6 +5,6 @@
 namespace tessera {
 
 // It is part of every task's key. Coordinator and workers must have the same version.
-inline constexpr char kAlgorithmVersion[] = "22";
+inline constexpr char kAlgorithmVersion[] = "23";
 
 }  // namespace tessera

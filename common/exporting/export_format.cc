@@ -15,6 +15,7 @@
 #include "common/exporting/raster/ortho_sheet.h"
 #include "common/exporting/raster/raster_formats.h"
 #include "common/exporting/tiles3d/tiles3d.h"
+#include "common/geodesy/reference_system.h"
 
 namespace tessera {
 namespace {
@@ -80,6 +81,15 @@ std::string FormatNames(std::span<const ExportFormat> formats) {
   return names;
 }
 
+// What is not exact in the way from a map projection to the globe: a missing grid, heights that are kept.
+Warnings PlaceWarnings(const Frame& frame) {
+  if (frame.crs().kind != Crs::Kind::kProjected) return {};
+  StatusOr<ReferenceSystem> system = ReferenceSystem::Of(frame.crs());
+  const StatusOr<Eigen::Vector3d> origin = frame.GeodeticFromLocal(Eigen::Vector3d::Zero());
+  if (!system.ok() || !origin.ok() || !system->LocateGeodetic(*origin).ok()) return {};  // CheckExport refuses it
+  return system->warnings();
+}
+
 }  // namespace
 
 std::span<const ExportFormat> ExportFormats() { return kExportFormats; }
@@ -135,10 +145,13 @@ Warnings ExportWarnings(const ExportOptions& options, const ExportScene& scene, 
   Warnings warnings;
   for (const std::string& name : options.formats) {
     const ExportFormat* const format = FindExportFormat(name, formats);
-    if (format == nullptr || !format->on_globe || scene.frame.crs().kind != Crs::Kind::kLocal) continue;
-    warnings.push_back(absl::StrCat(name,
-                                    ": the scene has no coordinate reference system, so that its files have no "
-                                    "place on the globe: set `crs` in scene.json"));
+    if (format == nullptr || !format->on_globe) continue;
+    if (scene.frame.crs().kind == Crs::Kind::kLocal) {
+      warnings.push_back(absl::StrCat(name,
+                                      ": the scene has no coordinate reference system, so that its files have no "
+                                      "place on the globe: set `crs` in scene.json"));
+    }
+    for (const std::string& doubt : PlaceWarnings(scene.frame)) warnings.push_back(absl::StrCat(name, ": ", doubt));
   }
   return warnings;
 }

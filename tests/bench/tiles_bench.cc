@@ -6,6 +6,8 @@
 // export makes it. Prints tiles by level, CPU microseconds per face of the sheet, and the camera with the most
 // triangles.
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
@@ -36,7 +38,7 @@ struct LevelFigures {
   double triangles = 0, most = 0, error_m = 0, side_m = 0;
 };
 
-// `level`: 0: the leaves' parents' ... counted from the root downwards.
+// `level`: of the tile below the root.
 void AddLevels(const ViewTile& tile, int level, std::map<int, LevelFigures>* levels) {
   LevelFigures& figures = (*levels)[level];
   ++figures.tiles;
@@ -69,35 +71,61 @@ void BenchTileset(const std::string& folder) {
   Print("largest", largest);
 }
 
-// Copies of the mesh that fill the square [0, side) x [0, side) and continue on its other sides.
+// The part of a polygon with coordinate `axis` at most `limit`, or at least, if `sign` is -1. Points of the cut depend
+// on the ends of the edge alone.
+std::vector<Eigen::Vector3d> Clip(const std::vector<Eigen::Vector3d>& polygon, int axis, double limit, double sign) {
+  std::vector<Eigen::Vector3d> out;
+  for (size_t i = 0; i < polygon.size(); ++i) {
+    Eigen::Vector3d a = polygon[i], b = polygon[(i + 1) % polygon.size()];
+    const bool a_in = sign * (a[axis] - limit) <= 0, b_in = sign * (b[axis] - limit) <= 0;
+    if (a_in) out.push_back(a);
+    if (a_in == b_in || a[axis] == limit || b[axis] == limit) continue;
+    if (std::lexicographical_compare(b.begin(), b.end(), a.begin(), a.end())) std::swap(a, b);
+    Eigen::Vector3d cut = a + (limit - a[axis]) / (b[axis] - a[axis]) * (b - a);
+    cut = (cut / kTiles3dGrid_m).array().round() * kTiles3dGrid_m;
+    cut[axis] = limit;
+    out.push_back(cut);
+  }
+  return out;
+}
+
+// A square of half the side, cut from the middle of the mesh, and its mirror images: a sheet whose mesh continues at
+// its other sides without gaps.
 Sheet PeriodicSheet(const TriangleMesh& mesh, double side_m) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& p : mesh.vertices) box.extend(p);
-  const Eigen::Vector3d size = box.sizes();
+  const double half_m = side_m / 2;
+  Eigen::Vector3d corner = box.center() - Eigen::Vector3d(half_m, half_m, 0) / 2;
+  corner.z() = box.min().z();
   Sheet sheet;
   std::map<std::array<double, 3>, uint32_t> numbers;
-  for (double y = 0; y < side_m; y += size.y()) {
-    for (double x = 0; x < side_m; x += size.x()) {
-      for (size_t f = 0; f < mesh.faces.size(); ++f) {
-        std::array<Eigen::Vector3d, 3> corners;
+  const auto number = [&](const Eigen::Vector3d& p) {
+    const auto [it, is_new] = numbers.try_emplace({p.x(), p.y(), p.z()}, static_cast<uint32_t>(sheet.vertices.size()));
+    if (is_new) sheet.vertices.push_back(p);
+    return it->second;
+  };
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    std::vector<Eigen::Vector3d> polygon;
+    for (int k = 0; k < 3; ++k) {
+      const Eigen::Vector3d p = mesh.Corner(f, k) - corner;
+      polygon.push_back((p / kTiles3dGrid_m).array().round() * kTiles3dGrid_m);
+    }
+    for (const int axis : {0, 1}) polygon = Clip(Clip(polygon, axis, 0, -1), axis, half_m, 1);
+    for (size_t i = 2; i < polygon.size(); ++i) {
+      for (int image = 0; image < 4; ++image) {
+        std::array<Eigen::Vector3d, 3> corners = {polygon[0], polygon[i - 1], polygon[i]};
         Eigen::Vector3d centroid(0, 0, 0);
-        for (int k = 0; k < 3; ++k) {
-          const Eigen::Vector3d p = mesh.Corner(f, k) - box.min() + Eigen::Vector3d(x, y, 0);
-          corners[k] = (p / kTiles3dGrid_m).array().round() * kTiles3dGrid_m;
-          centroid += corners[k] / 3;
+        for (Eigen::Vector3d& p : corners) {
+          if (image % 2 == 1) p.x() = side_m - p.x();
+          if (image / 2 == 1) p.y() = side_m - p.y();
+          p += Eigen::Vector3d(side_m / 4, side_m / 4, 0);  // so that no mirror is at the sheet's side
+          centroid += p / 3;
         }
-        if (centroid.x() >= side_m || centroid.y() >= side_m) continue;
-        // The joint of the copies goes to the middle of the sheet; its sides cut through the mesh.
-        const Eigen::Vector3d shift(centroid.x() < side_m / 2 ? side_m / 2 : -side_m / 2,
-                                    centroid.y() < side_m / 2 ? side_m / 2 : -side_m / 2, 0);
-        Triangle& face = sheet.faces.emplace_back();
-        for (int k = 0; k < 3; ++k) {
-          const Eigen::Vector3d p = corners[k] + shift;
-          const auto [it, is_new] =
-              numbers.try_emplace({p.x(), p.y(), p.z()}, static_cast<uint32_t>(sheet.vertices.size()));
-          if (is_new) sheet.vertices.push_back(p);
-          face[k] = it->second;
-        }
+        if (image == 1 || image == 2) std::swap(corners[1], corners[2]);
+        const Eigen::Vector3d shift(centroid.x() < side_m ? 0 : -side_m, centroid.y() < side_m ? 0 : -side_m, 0);
+        const Triangle face = {number(corners[0] + shift), number(corners[1] + shift), number(corners[2] + shift)};
+        if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) continue;
+        sheet.faces.push_back(face);
         sheet.labels.push_back(mesh.labels.empty() ? -1 : mesh.labels[f]);
       }
     }
@@ -108,10 +136,12 @@ Sheet PeriodicSheet(const TriangleMesh& mesh, double side_m) {
 // A city of equal sheets.
 class PeriodicCity {
  public:
+  explicit PeriodicCity(const Tiles3dSizes& sizes) : sizes_(sizes) {}
+
   Status Make(const TriangleMesh& mesh, double gsd_m, double largest_m) {
     ExportScene scene;
     scene.gsd_m = gsd_m;
-    side_m_ = std::round(1000 * gsd_m / kTiles3dGrid_m) * kTiles3dGrid_m;
+    side_m_ = std::round(250 * gsd_m / kTiles3dGrid_m) * kTiles3dGrid_m * 4;
     scene.ground.cell_m = side_m_ / kSheetCells;
     for (int i = 0; i < 8; ++i) scene.classes.emplace_back().name = "class";
     const ExportOptions options;
@@ -206,11 +236,13 @@ class PeriodicCity {
 
 int Main(int argc, char** argv) {
   std::string tileset, mesh_path;
-  double gsd_m = 0.128;
+  double gsd_m = 0.11;
   std::vector<double> widths_km = {0.5, 1, 2, 4, 8, 12, 16, 33};
   CLI::App app("Triangles in view of 3D Tiles");
   app.add_option("tileset", tileset, "folder with tileset.json");
   app.add_option("--mesh", mesh_path, "make a city of copies of this mesh");
+  Tiles3dSizes sizes;
+  app.add_option("--error", sizes.error, "of a level, as a part of a tile's side");
   app.add_option("--gsd", gsd_m, "ground sampling distance, metres: a sheet is 1,000 wide");
   app.add_option("--widths", widths_km, "of the city, kilometres")->delimiter(',');
   CLI11_PARSE(app, argc, argv);
@@ -221,7 +253,7 @@ int Main(int argc, char** argv) {
     std::fprintf(stderr, "%s\n", mesh.status().ToString().c_str());
     return 1;
   }
-  PeriodicCity city;
+  PeriodicCity city(sizes);
   const Status made = city.Make(mesh->mesh, gsd_m, 1000 * *std::max_element(widths_km.begin(), widths_km.end()));
   if (!made.ok()) {
     std::fprintf(stderr, "%s\n", made.ToString().c_str());

@@ -16,7 +16,8 @@ struct Tiles3dPart {
   Tiles3dMesh mesh;
   Eigen::AlignedBox3d box;  // of all levels
   double error_m = 0;       // largest distance of the finest mesh to `mesh`
-  // Points by which levels above measure their distance, and the largest distance of the finest mesh to them.
+  // Vertices by which levels above measure their distance: of the sheets' coarsest meshes, and some of the finest; and
+  // the largest distance of the finest mesh to the sheets' coarsest.
   std::vector<Eigen::Vector3d> samples;
   double samples_error_m = 0;
 };

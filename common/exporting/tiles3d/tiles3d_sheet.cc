@@ -21,12 +21,15 @@ namespace {
 
 // Squares so many times halved are divided by the order of their faces: many faces have their centroids at one place.
 constexpr int kTiles3dDepth = 24;
+// About so many vertices of the finest mesh, besides those of the coarsest, measure the errors of the levels above.
+constexpr size_t kTiles3dSamples = 50000;
 
 struct TileNode {
-  Tiles3dFaces faces;         // of its content
-  std::vector<int> children;  // empty: a leaf
-  int height = 0;             // above the leaves
-  double side_m = 0;          // of its square
+  Tiles3dFaces faces;                // of its content
+  std::vector<Tiles3dPoint> points;  // vertices of the leaves below that `faces` lack
+  std::vector<int> children;         // empty: a leaf
+  int height = 0;                    // above the leaves
+  double side_m = 0;                 // of its square
   double error_m = 0;
   Eigen::AlignedBox3d box;
 };
@@ -162,6 +165,9 @@ class TileSetWriter {
     part.box = root.box;
     part.error_m = root.error_m;
     part.samples = part.mesh.vertices.positions;
+    const std::vector<Tiles3dPoint>& points = nodes.back().points;
+    const size_t step = points.size() / kTiles3dSamples + 1;
+    for (size_t i = 0; i < points.size(); i += step) part.samples.push_back(points[i].position);
     part.samples_error_m = root.error_m;
     return part;
   }
@@ -171,10 +177,16 @@ class TileSetWriter {
   std::string Content(size_t index, std::vector<TileNode>* nodes) const {
     TileNode& node = (*nodes)[index];
     Tiles3dFaces fine = std::move(node.faces);
+    std::vector<Tiles3dPoint> points;
     for (const int child : node.children) {
       TileNode& c = (*nodes)[child];
+      for (Tiles3dPoint& point : c.points) {
+        point.face += static_cast<uint32_t>(fine.size());
+        points.push_back(point);
+      }
       fine.Append(c.faces);
       c.faces = {};
+      c.points = {};
       node.box.extend(c.box);
       node.error_m = std::max(node.error_m, c.error_m);
     }
@@ -185,11 +197,12 @@ class TileSetWriter {
     if (node.children.empty()) {
       faces = mesh.faces;
     } else {
-      Tiles3dLevel level =
-          SimplifyTiles3d(mesh.vertices, mesh.faces, Tiles3dTargetOf(sizes_, node.side_m, photographic));
+      const Tiles3dTarget target = Tiles3dTargetOf(sizes_, node.side_m, photographic);
+      Tiles3dLevel level = SimplifyTiles3d(mesh.vertices, mesh.faces, target, points);
       faces = std::move(level.faces);
+      node.points = std::move(level.points);
       // The parent's error is larger, also where nothing was simplified.
-      node.error_m += std::max(level.distance_m, kTiles3dGrid_m);
+      node.error_m = std::max(level.distance_m, node.error_m + kTiles3dGrid_m);
     }
     for (size_t f = 0; f < faces.size(); ++f) {
       const Triangle& face = faces.corners[f];

@@ -64,7 +64,8 @@ struct RingVertex {
 
 class TileCollapser {
  public:
-  TileCollapser(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, std::vector<uint8_t> border)
+  TileCollapser(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, const std::vector<Tiles3dPoint>& points,
+                std::vector<uint8_t> border)
       : faces_(faces.corners),
         labels_(faces.labels),
         left_(faces.size()),
@@ -75,8 +76,15 @@ class TileCollapser {
     Eigen::AlignedBox3d box;
     for (const Eigen::Vector3d& p : vertices.positions) box.extend(p);
     positions_.reserve(count);
-    for (const Eigen::Vector3d& p : vertices.positions) positions_.push_back(p - box.center());
-    next_point_.assign(count, kNoCollapse);
+    centre_ = box.center();
+    for (const Eigen::Vector3d& p : vertices.positions) positions_.push_back(p - centre_);
+    points_ = positions_;
+    next_point_.assign(count + points.size(), kNoCollapse);
+    for (const Tiles3dPoint& point : points) {
+      next_point_[points_.size()] = first_point_[point.face];
+      first_point_[point.face] = static_cast<uint32_t>(points_.size());
+      points_.push_back(point.position - centre_);
+    }
     quadrics_.resize(count);
     faces_of_.resize(count);
     state_.assign(count, State::kIdle);
@@ -88,13 +96,8 @@ class TileCollapser {
     for (size_t v = 0; v < count; ++v) faces_of_[v].reserve(valence[v] + 2);
     for (uint32_t f = 0; f < faces_.size(); ++f) {
       for (const uint32_t v : faces_[f]) faces_of_[v].push_back(f);
-      const Eigen::Vector3d cross = Cross(faces_[f]);
-      const double area = cross.norm();
-      if (!(area > 0)) continue;
-      PlaneQuadric quadric;
-      quadric.AddPlane(cross / area, positions_[faces_[f][0]], area);
-      for (const uint32_t v : faces_[f]) quadrics_[v].Add(quadric);
     }
+    AddPlaneQuadrics();
     AddSeamQuadrics();
   }
 
@@ -122,17 +125,23 @@ class TileCollapser {
     std::fill(state_.begin(), state_.end(), State::kIdle);
   }
 
-  void IgnoreClasses() { keeps_classes_ = false; }
+  // From now on, neither borders of classes nor the topology are kept.
+  void KeepDistancesOnly() {
+    keeps_all_ = false;
+    std::fill(quadrics_.begin(), quadrics_.end(), PlaneQuadric());
+    AddPlaneQuadrics();
+  }
   size_t left() const { return left_; }
 
   Tiles3dLevel Level() const {
     Tiles3dLevel level;
     for (size_t f = 0; f < faces_.size(); ++f) {
       if (!is_alive_[f]) continue;
-      level.faces.Add(faces_[f], labels_[f]);
       for (uint32_t p = first_point_[f]; p != kNoCollapse; p = next_point_[p]) {
         level.distance_m = std::max(level.distance_m, std::sqrt(SquaredDistance(p, faces_[f])));
+        level.points.push_back({points_[p] + centre_, static_cast<uint32_t>(level.faces.size())});
       }
+      level.faces.Add(faces_[f], labels_[f]);
     }
     return level;
   }
@@ -148,8 +157,21 @@ class TileCollapser {
   }
 
   double SquaredDistance(uint32_t point, const Triangle& face) const {
-    const Eigen::Vector3d& p = positions_[point];
+    const Eigen::Vector3d& p = points_[point];
     return (NearestPointOfTriangle(p, positions_[face[0]], positions_[face[1]], positions_[face[2]]) - p).squaredNorm();
+  }
+
+  // Planes of the faces that are left.
+  void AddPlaneQuadrics() {
+    for (size_t f = 0; f < faces_.size(); ++f) {
+      if (!is_alive_[f]) continue;
+      const Eigen::Vector3d cross = Cross(faces_[f]);
+      const double area = cross.norm();
+      if (!(area > 0)) continue;
+      PlaneQuadric quadric;
+      quadric.AddPlane(cross / area, positions_[faces_[f][0]], area);
+      for (const uint32_t v : faces_[f]) quadrics_[v].Add(quadric);
+    }
   }
 
   // Planes through the borders of classes, upright on the faces there: vertices of them leave them late.
@@ -191,7 +213,7 @@ class TileCollapser {
   void FindTargets(uint32_t v) {
     targets_.clear();
     int seams = FindRing(v);
-    if (!keeps_classes_) seams = 0;
+    if (!keeps_all_) seams = 0;
     if (seams != 0 && seams != 2) return;
     for (const RingVertex& n : ring_) {
       if (seams == 2 && !n.is_seam) continue;
@@ -230,6 +252,7 @@ class TileCollapser {
   // of v. Fills moved_ with the faces that v has afterwards.
   bool Fits(uint32_t v, uint32_t target) {
     moved_.clear();
+    vanished_.clear();
     size_t lost = 0, common = 0;
     ++mark_;
     for (const RingVertex& n : ring_) marks_[n.vertex] = mark_;
@@ -244,6 +267,9 @@ class TileCollapser {
       Triangle face = faces_[f];
       if (std::find(face.begin(), face.end(), target) != face.end()) {
         ++lost;
+        for (const uint32_t n : face) {
+          if (n != v && n != target && LosesAll(n, v, target)) vanished_.push_back(n);
+        }
         continue;
       }
       const Eigen::Vector3d before = Cross(face);
@@ -252,13 +278,28 @@ class TileCollapser {
       if (before.squaredNorm() > 0 && before.dot(after) <= kCollapseTurn * before.norm() * after.norm()) return false;
       moved_.push_back({f, face});
     }
-    return !moved_.empty() && common == lost && faces_of_[target].size() + moved_.size() <= kCollapseValence + lost;
+    return !moved_.empty() && (common == lost || !keeps_all_) && (vanished_.empty() || !keeps_all_) &&
+           faces_of_[target].size() + moved_.size() <= kCollapseValence + lost;
+  }
+
+  // Whether all faces of n have v and `target`.
+  bool LosesAll(uint32_t n, uint32_t v, uint32_t target) const {
+    return std::all_of(faces_of_[n].begin(), faces_of_[n].end(), [&](uint32_t f) {
+      const Triangle& face = faces_[f];
+      return std::find(face.begin(), face.end(), v) != face.end() &&
+             std::find(face.begin(), face.end(), target) != face.end();
+    });
   }
 
   // Fills places_ with the nearest of the moved faces for each point; false if one is too far from all.
   bool Places(uint32_t v) {
     places_.clear();
     if (!Place(v)) return false;
+    std::sort(vanished_.begin(), vanished_.end());
+    vanished_.erase(std::unique(vanished_.begin(), vanished_.end()), vanished_.end());
+    for (const uint32_t n : vanished_) {
+      if (!Place(n)) return false;
+    }
     for (const uint32_t f : faces_of_[v]) {
       for (uint32_t p = first_point_[f]; p != kNoCollapse; p = next_point_[p]) {
         if (!Place(p)) return false;
@@ -305,7 +346,8 @@ class TileCollapser {
     quadrics_[target].Add(quadrics_[v]);
   }
 
-  std::vector<Eigen::Vector3d> positions_;
+  Eigen::Vector3d centre_;
+  std::vector<Eigen::Vector3d> positions_;  // about the centre
   std::vector<Triangle> faces_;
   std::vector<int32_t> labels_;
   size_t left_;
@@ -313,32 +355,36 @@ class TileCollapser {
   std::vector<uint8_t> is_alive_, is_border_;
   std::vector<std::vector<uint32_t>> faces_of_;
   std::vector<PlaneQuadric> quadrics_;
-  // Vertices that have gone, as lists of the faces that they are nearest to.
+  // Vertices, then other points. Those that are no vertices of faces any more are in lists of faces near to them.
+  std::vector<Eigen::Vector3d> points_;
   std::vector<uint32_t> first_point_, next_point_;
   std::vector<State> state_;
   std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue_;
   std::vector<uint32_t> marks_;  // per vertex
   uint32_t mark_ = 0;
-  bool keeps_classes_ = true;
+  bool keeps_all_ = true;
   // Of the vertex that is looked at.
   std::vector<RingVertex> ring_;
   std::vector<Entry> targets_;
   std::vector<std::pair<uint32_t, Triangle>> moved_;
+  std::vector<uint32_t> vanished_;  // vertices besides it that lose all faces
   std::vector<std::pair<uint32_t, uint32_t>> places_;
 };
 
 }  // namespace
 
-Tiles3dLevel SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, const Tiles3dTarget& target) {
+Tiles3dLevel SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, const Tiles3dTarget& target,
+                             const std::vector<Tiles3dPoint>& points) {
   const std::vector<uint8_t> border = Tiles3dBorder(faces, vertices.positions.size());
   const auto border_count = static_cast<size_t>(std::count(border.begin(), border.end(), 1));
   const size_t enough = target.min_faces + border_count, most = std::max(target.max_faces + border_count, enough);
-  TileCollapser collapser(vertices, faces, border);
+  const size_t with_classes = std::max(target.class_faces + border_count, enough);
+  TileCollapser collapser(vertices, faces, points, border);
   double distance_m = target.distance_m;
   collapser.Collapse(distance_m, enough);
-  if (collapser.left() > most) {
-    collapser.IgnoreClasses();
-    collapser.Collapse(distance_m, most);
+  if (collapser.left() > with_classes) {
+    collapser.KeepDistancesOnly();
+    collapser.Collapse(distance_m, with_classes);
   }
   for (int step = 0; step < kCollapseSteps && collapser.left() > most; ++step) {
     distance_m *= kCollapseGrowth;

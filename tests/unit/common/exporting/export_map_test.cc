@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "common/exporting/export_format.h"
 #include "common/geodesy/reference_system.h"
 #include "common/importing/frames.h"
 
@@ -140,6 +141,88 @@ TEST(GlobeMapTest, PutsPointsOfAProjectedSourceWithinACentimetre) {
       EXPECT_LT((p - expected).norm(), 0.01) << (p - expected).transpose();
     }
   }
+}
+
+// Earth-centred coordinates on an ellipsoid by the textbook's formula.
+Eigen::Vector3d EarthCentredOn(double a, double e2, double lat_rad, double lon_rad) {
+  const double n = a / std::sqrt(1 - e2 * std::pow(std::sin(lat_rad), 2));
+  return {n * std::cos(lat_rad) * std::cos(lon_rad), n * std::cos(lat_rad) * std::sin(lon_rad),
+          n * (1 - e2) * std::sin(lat_rad)};
+}
+
+// A point with published coordinates in the projection and in its datum's latitude and longitude, and the published
+// transformation of the datum to WGS 84: metres, seconds of arc about the point's axes (position vector), millionths.
+struct DatumPoint {
+  const char* what;
+  int epsg;
+  double easting, northing, lat_deg, lon_deg, a, inverse_f;
+  Eigen::Vector3d shift_m, turn_arcsec;
+  double scale_ppm;
+};
+
+TEST(GlobeMapTest, PutsPublishedPointsOfOtherDatumsWithinACentimetre) {
+  const double second = std::numbers::pi / 180 / 3600;
+  const DatumPoint points[] = {
+      // Ordnance Survey, A guide to coordinate systems in Great Britain, annexe C: the worked example on Airy 1830; its
+      // section 6.6: the parameters, as EPSG:1314 rounds them.
+      {"British National Grid",
+       27700,
+       651409.903,
+       313177.270,
+       52 + 39.0 / 60 + 27.2531 / 3600,
+       1 + 43.0 / 60 + 4.5177 / 3600,
+       6377563.396,
+       299.3249646,
+       {446.448, -125.157, 542.06},
+       {0.15, 0.247, 0.842},
+       -20.489},
+      // Formulas of swisstopo: the projection's origin is the old observatory in Bern; a translation.
+      {"LV95",
+       2056,
+       2600000,
+       1200000,
+       46 + 57.0 / 60 + 8.66 / 3600,
+       7 + 26.0 / 60 + 22.5 / 3600,
+       6377397.155,
+       299.1528128,
+       {674.374, 15.056, 405.346},
+       {0, 0, 0},
+       0}};
+  for (const DatumPoint& point : points) {
+    const double f = 1 / point.inverse_f;
+    const Eigen::Vector3d p =
+        EarthCentredOn(point.a, f * (2 - f), point.lat_deg * 3600 * second, point.lon_deg * 3600 * second);
+    const Eigen::Vector3d turned = p + (second * point.turn_arcsec).cross(p);
+    const Eigen::Vector3d foot = GeodeticFromGeocentric(point.shift_m + (1 + 1e-6 * point.scale_ppm) * turned);
+    Crs crs;
+    crs.kind = Crs::Kind::kProjected;
+    crs.epsg = point.epsg;
+    const Eigen::Vector3d in_scene(point.easting, point.northing, 30);
+    const ExportScene scene = SceneIn(crs, in_scene + Eigen::Vector3d(400, -300, 0));
+    const StatusOr<GlobeMap> map = GlobeMap::Open(scene);
+    ASSERT_TRUE(map.ok()) << point.what << ": " << map.status();
+    Eigen::Vector3d found = scene.frame.LocalFromScene(in_scene);
+    ASSERT_TRUE(map->EnuFromLocal({&found, 1}).ok());
+    found = map->ecef_from_enu() * found;
+    const Eigen::Vector3d expected = GeocentricFromGeodetic({foot.x(), foot.y(), 30});
+    EXPECT_LT((found - expected).norm(), 0.01) << point.what << ": " << (found - expected).transpose();
+  }
+}
+
+TEST(GlobeMapTest, WarnsOfAPlaceThatMissesAGrid) {
+  const auto warnings = [](int epsg, const Eigen::Vector3d& near) {
+    Crs crs;
+    crs.kind = Crs::Kind::kProjected;
+    crs.epsg = epsg;
+    ExportOptions options;
+    options.formats = {"3dtiles"};
+    std::string all;
+    for (const std::string& warning : ExportWarnings(options, SceneIn(crs, near))) all += warning + "\n";
+    return all;
+  };
+  EXPECT_THAT(warnings(27700, {400000, 300000, 0}),
+              testing::AllOf(testing::HasSubstr("3dtiles: "), testing::HasSubstr("OSTN15")));
+  EXPECT_EQ(warnings(2154, {652000, 6863000, 0}), "");
 }
 
 TEST(GlobeMapTest, TurnsUpToZWithoutASystem) {
