@@ -84,7 +84,8 @@ class Sampler {
   StatusOr<bool> Take(const Frame& frame, TriangleMesh* mesh) const {
     const int64_t runs = std::min((face_count_ + kFacesOfRun - 1) / kFacesOfRun, kSampledFaces / kFacesOfRun);
     for (int64_t run = 0; run < runs; ++run) {
-      const int64_t first = run * face_count_ / runs, count = std::min(kFacesOfRun, face_count_ - first);
+      const int64_t first = run * face_count_ / runs, next = (run + 1) * face_count_ / runs;
+      const int64_t count = std::min(kFacesOfRun, next - first);
       TESSERA_ASSIGN_OR_RETURN(const std::string rows, Read(faces_begin_ + first * faces_.bytes, count * faces_.bytes));
       std::vector<int64_t> corners;
       for (int64_t f = 0; f < count; ++f) {

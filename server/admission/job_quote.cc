@@ -86,14 +86,13 @@ StatusOr<JobQuote> QuoteOf(const NewJob& job, const SceneDescription& scene, con
   quote.mesh_faces = sample.faces;
   if (const std::optional<KnownSurvey> known = jobs.FindSurvey(job)) {
     const StatusOr<std::string> json = blobs.Read(known->survey);
-    if (json.ok()) {
-      TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(*json));
+    if (!json.ok() && !absl::IsNotFound(json.status())) return json.status();
+    const StatusOr<Survey> survey = json.ok() ? ParseSurvey(*json) : json.status();
+    if (survey.ok()) {  // else it is lost or damaged
       quote.surveyed_by = known->job;
-      const Status filled = FillFromSurvey(survey, &quote);
-      Warn(filled, &quote);
+      Warn(FillFromSurvey(*survey, &quote), &quote);
       return quote;
     }
-    if (!absl::IsNotFound(json.status())) return json.status();
   }
   if (!sample.mesh.faces.empty()) Warn(FillRoughly(scene, sample, &quote), &quote);
   return quote;

@@ -4,9 +4,9 @@
 #include <utility>
 
 #include "server/grpc/local_calls.h"
-#include "server/http/http_messages.h"
 #include "server/http/site.h"
-#include "server/http/tls_context.h"
+#include "server/web/http_messages.h"
+#include "server/web/tls_context.h"
 
 namespace tessera {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "common/base/status.h"
 #include "server/grpc/coordinator_server.h"
-#include "server/http/connections.h"
+#include "server/web/connections.h"
 
 namespace tessera {
 

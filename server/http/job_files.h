@@ -13,7 +13,7 @@
 #include "common/storage/hash.h"
 #include "server/grpc/local_calls.h"
 #include "server/http/stored_zip.h"
-#include "server/http/web_message.h"
+#include "server/web/web_message.h"
 
 namespace tessera {
 

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "server/http/web_message.h"
+#include "server/web/web_message.h"
 
 namespace tessera {
 

@@ -5,6 +5,8 @@
 #include <string_view>
 #include <vector>
 
+#include "server/web/lanes.h"
+
 namespace tessera {
 
 enum class RouteKind {
@@ -17,9 +19,6 @@ enum class RouteKind {
   kFile,          // a published file
   kPage,          // the page and its assets
 };
-
-// Which threads serve a request, so that slow ones do not stop the others.
-enum class Lane { kQuick, kSlow, kFile, kStream };
 
 struct Route {
   std::string_view method;  // GET rows answer HEAD, too

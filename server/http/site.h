@@ -9,11 +9,11 @@
 #include "server/auth/access.h"
 #include "server/grpc/local_calls.h"
 #include "server/http/job_files.h"
-#include "server/http/request_frame.h"
 #include "server/http/routes.h"
 #include "server/http/shared_answers.h"
 #include "server/http/visitors.h"
-#include "server/http/web_message.h"
+#include "server/web/request_frame.h"
+#include "server/web/web_message.h"
 
 namespace tessera {
 

@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "common/base/status.h"
-#include "server/http/web_message.h"
+#include "server/web/web_message.h"
 
 namespace tessera {
 

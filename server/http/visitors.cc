@@ -8,7 +8,7 @@
 #include "absl/strings/str_split.h"
 #include "common/base/refusal.h"
 #include "common/log/log.h"
-#include "server/http/listener.h"
+#include "server/web/listener.h"
 
 namespace tessera {
 namespace {

@@ -8,7 +8,7 @@
 #include "server/auth/access.h"
 #include "server/grpc/local_calls.h"
 #include "server/http/sessions.h"
-#include "server/http/web_message.h"
+#include "server/web/web_message.h"
 
 namespace tessera {
 

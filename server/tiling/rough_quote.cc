@@ -15,7 +15,6 @@ namespace {
 constexpr double kFacesOfSquare = 96;
 // Bound of cells times views: each cell is projected into each view.
 constexpr double kMostProjections = 2e8;
-constexpr size_t kMostCells = 40'000;
 
 using Square = std::pair<int, int>;
 
@@ -78,12 +77,12 @@ Interval Around(double low, double high) { return {kRoughLow * low, kRoughHigh *
 }  // namespace
 
 StatusOr<Survey> SurveyOfSample(const SceneDescription& scene, const MeshSample& sample, bool classifies,
-                                double* share) {
+                                size_t most_cells, double* share) {
   TESSERA_ASSIGN_OR_RETURN(const double gsd_m, MedianGsd(scene, sample.mesh));
   const GroundPlane ground = MakeGroundPlane(scene.up_in_local, CellSide_m(gsd_m));
   const auto most =
       static_cast<size_t>(std::clamp(kMostProjections / static_cast<double>(std::max<size_t>(1, scene.views.size())),
-                                     1000.0, static_cast<double>(kMostCells)));
+                                     1.0, static_cast<double>(most_cells)));
   const TriangleMesh cells = OneFaceOfEachCell(sample.mesh, ground, most, share);
   Survey survey = EstimateSurvey(scene, cells, gsd_m);
   const double weight = static_cast<double>(sample.faces) * *share / static_cast<double>(cells.faces.size());
@@ -104,9 +103,10 @@ StatusOr<Survey> SurveyOfSample(const SceneDescription& scene, const MeshSample&
 }
 
 StatusOr<RoughQuote> MakeRoughQuote(const JobSettings& settings, const SceneDescription& scene,
-                                    const MeshSample& sample) {
+                                    const MeshSample& sample, size_t most_cells) {
   RoughQuote rough;
-  TESSERA_ASSIGN_OR_RETURN(const Survey survey, SurveyOfSample(scene, sample, Classifies(settings), &rough.share));
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey,
+                           SurveyOfSample(scene, sample, Classifies(settings), most_cells, &rough.share));
   // A share of the city has that share of the requested tiles.
   JobSettings of_share = settings;
   if (settings.tiles > 1) of_share.tiles = std::max(1, static_cast<int>(std::lround(rough.share * settings.tiles)));

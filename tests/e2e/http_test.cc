@@ -37,10 +37,10 @@ class HttpPageTest : public testing::Test {
     fs::copy(ToyCity(), Path("scenes/city"), fs::copy_options::recursive);
     program_ = std::make_unique<Program>(
         folder_.path(), TESSERAD_PROGRAM,
-        std::vector<std::string>{"--listen", "localhost:0", "--listen", "unix:" + Path("socket"), "--http", "localhost:0",
-                                 "--tls-cert", Path("keys/server.pem"), "--tls-key", Path("keys/server.key"),
-                                 "--token-file", Path("keys/tokens"), "--scene-root", Path("scenes"), "--data",
-                                 Path("data"), "--port-file", Path("address")});
+        std::vector<std::string>{"--listen", "localhost:0", "--listen", "unix:" + Path("socket"), "--http",
+                                 "localhost:0", "--tls-cert", Path("keys/server.pem"), "--tls-key",
+                                 Path("keys/server.key"), "--token-file", Path("keys/tokens"), "--scene-root",
+                                 Path("scenes"), "--data", Path("data"), "--port-file", Path("address")});
     ASSERT_TRUE(WaitUntil([&] { return fs::exists(Path("address")) || !program_->Running(); }));
     std::istringstream lines(Content(Path("address")));
     std::getline(lines, address_);
@@ -89,7 +89,9 @@ TEST_F(HttpPageTest, AJobFromLogInToItsFiles) {
   const httplib::Headers anna = LogIn(*browser, "anna"), vera = LogIn(*browser, "vera");
   ASSERT_FALSE(anna.empty());
   const std::string request =
-      json({{"scenePath", Path("scenes/city")}, {"settings", {{"tiles", 1}, {"methodSettings", {{"levels", {2}}}}}}}).dump();
+      json({{"scenePath", Path("scenes/city")},
+            {"settings", {{"tiles", 1}, {"methodSettings", {{"levels", {2}}, {"iterations", {3}}}}}}})
+          .dump();
   EXPECT_EQ(StatusOf(browser->Post("/api/v1/jobs", vera, request, "application/json")), 403);
   const auto created = browser->Post("/api/v1/jobs", anna, request, "application/json");
   ASSERT_EQ(StatusOf(created), 200) << (created ? created->body : "no answer");

@@ -58,7 +58,9 @@ class FuzzedCoordinator {
     environment_.read_scene = [](const std::string& path, const SceneRequest&,
                                  const AllowedFiles& allowed) -> StatusOr<SceneListing> {
       TESSERA_ASSIGN_OR_RETURN(auto files, allowed.List(path));
-      return SceneListing{path, "fake", files, {}};
+      SceneListing listing{path, "fake", files, {}};
+      listing.scene.up_in_local.setZero();
+      return listing;
     };
     server_ = *CoordinatorServer::Start("unix:" + folder_.path() + "/socket", environment_);
     const auto identity = std::make_shared<CallIdentity>();

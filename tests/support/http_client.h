@@ -18,7 +18,7 @@
 
 namespace tessera {
 
-struct HttpAnswer {
+struct HttpReply {
   int status = 0;                                   // 0: none came
   std::multimap<std::string, std::string> headers;  // by lower-case names
   std::string body;
@@ -28,7 +28,7 @@ struct HttpAnswer {
   }
 };
 
-using HttpHeaders = std::vector<std::pair<std::string, std::string>>;
+using SentHeaders = std::vector<std::pair<std::string, std::string>>;
 
 // One connection to a server on loopback.
 class HttpConnection {
@@ -76,7 +76,7 @@ class HttpConnection {
     }
     return false;
   }
-  static std::string Text(const std::string& method, const std::string& target, const HttpHeaders& headers,
+  static std::string Text(const std::string& method, const std::string& target, const SentHeaders& headers,
                           const std::string& body, const std::string& host) {
     std::string text = method + " " + target + " HTTP/1.1\r\n";
     const bool has_host = std::any_of(headers.begin(), headers.end(), [](const auto& h) { return h.first == "Host"; });
@@ -87,14 +87,14 @@ class HttpConnection {
     }
     return text + "\r\n" + body;
   }
-  HttpAnswer Ask(const std::string& method, const std::string& target, const HttpHeaders& headers = {},
-                 const std::string& body = "") {
+  HttpReply Ask(const std::string& method, const std::string& target, const SentHeaders& headers = {},
+                const std::string& body = "") {
     Send(Text(method, target, headers, body, host_));
     return Answer(method == "HEAD");
   }
   // The head of the next answer; its body stays in received().
-  HttpAnswer Head() {
-    HttpAnswer answer;
+  HttpReply Head() {
+    HttpReply answer;
     size_t end = 0;
     while ((end = received_.find("\r\n\r\n")) == std::string::npos) {
       if (!Receive()) return answer;
@@ -111,8 +111,8 @@ class HttpConnection {
     }
     return answer;
   }
-  HttpAnswer Answer(bool is_head = false) {
-    HttpAnswer answer = Head();
+  HttpReply Answer(bool is_head = false) {
+    HttpReply answer = Head();
     if (answer.status == 0 || is_head || answer.status == 304) return answer;
     if (answer.Header("transfer-encoding") == "chunked") {
       while (true) {
@@ -146,8 +146,8 @@ class HttpConnection {
   std::string received_;
 };
 
-inline HttpAnswer HttpAsk(const std::string& address, const std::string& method, const std::string& target,
-                          const HttpHeaders& headers = {}, const std::string& body = "") {
+inline HttpReply HttpAsk(const std::string& address, const std::string& method, const std::string& target,
+                         const SentHeaders& headers = {}, const std::string& body = "") {
   return HttpConnection(address).Ask(method, target, headers, body);
 }
 

@@ -10,8 +10,6 @@ namespace tessera {
 namespace {
 
 using testing::AllOf;
-using testing::Each;
-using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::StartsWith;
@@ -58,7 +56,9 @@ TEST_F(DescribeJobsTest, AJobHasItsFirstThousandFilesAndPagesHaveAll) {
     v1::ListArtifactsResponse page;
     ASSERT_TRUE(Ask(&v1::Jobs::Stub::ListArtifacts, request, &page).ok());
     EXPECT_LE(page.artifacts_size(), 1000);
-    if (pages++ == 0) EXPECT_EQ(page.artifacts(7).SerializeAsString(), job.artifacts(7).SerializeAsString());
+    if (pages++ == 0) {
+      EXPECT_EQ(page.artifacts(7).SerializeAsString(), job.artifacts(7).SerializeAsString());
+    }
     for (const v1::Artifact& each : page.artifacts()) EXPECT_TRUE(names.insert(each.name()).second) << each.name();
     request.set_page_token(page.next_page_token());
   } while (!request.page_token().empty());

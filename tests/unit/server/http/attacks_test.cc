@@ -128,14 +128,14 @@ TEST_F(AttacksTest, AThousandConnectionsLeaveRoom) {
 
 TEST_F(AttacksTest, OnlySoManyStreams) {
   std::list<HttpConnection> streams;
-  const HttpHeaders viewer = Bearer("viewer");
+  const SentHeaders viewer = Bearer("viewer");
   int open = 0, refused = 0;
   for (int i = 0; i < 300; ++i) {
     streams.emplace_back(Address());
     streams.back().Send(HttpConnection::Text("GET", "/api/v1/jobs/1:watch", viewer, "", Address()));
   }
   for (HttpConnection& stream : streams) {
-    const HttpAnswer head = stream.Head();
+    const HttpReply head = stream.Head();
     open += head.status == 200;
     refused += head.status == 503;
     if (head.status == 503) {

@@ -64,19 +64,19 @@ class HttpTest : public ServerTest {
   }
 
   const std::string& Address() const { return http_->address(); }
-  HttpHeaders Bearer(const std::string& name) { return {{"Authorization", "Bearer " + tokens_[name]}, kChange}; }
-  HttpAnswer LogIn(const std::string& token) {
+  SentHeaders Bearer(const std::string& name) { return {{"Authorization", "Bearer " + tokens_[name]}, kChange}; }
+  HttpReply LogIn(const std::string& token) {
     return HttpAsk(Address(), "POST", "/api/v1/session", {kChange}, "{\"token\":\"" + token + "\"}");
   }
   // The headers of a browser in which this token logged in.
-  HttpHeaders Session(const std::string& name) {
-    const HttpAnswer answer = LogIn(tokens_[name]);
+  SentHeaders Session(const std::string& name) {
+    const HttpReply answer = LogIn(tokens_[name]);
     EXPECT_EQ(answer.status, 200) << answer.body;
     const std::string cookie = answer.Header("set-cookie");
     return {{"Cookie", cookie.substr(0, cookie.find(';'))}, kChange};
   }
-  HttpAnswer Ask(const std::string& method, const std::string& target, const HttpHeaders& headers,
-                 const std::string& body = "") {
+  HttpReply Ask(const std::string& method, const std::string& target, const SentHeaders& headers,
+                const std::string& body = "") {
     return HttpAsk(Address(), method, target, headers, body);
   }
   // A call over gRPC.

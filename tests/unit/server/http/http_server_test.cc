@@ -18,7 +18,7 @@ using testing::Not;
 TEST_F(HttpTest, LogsInAndOut) {
   EXPECT_EQ(Ask("GET", "/api/v1/session", {}).status, 401);
   EXPECT_EQ(LogIn(RandomSecret()).status, 401);
-  const HttpAnswer begun = LogIn(tokens_["submitter"]);
+  const HttpReply begun = LogIn(tokens_["submitter"]);
   ASSERT_EQ(begun.status, 200);
   const std::string cookie = begun.Header("set-cookie");
   EXPECT_TRUE(cookie.starts_with("tessera_session="));
@@ -27,8 +27,8 @@ TEST_F(HttpTest, LogsInAndOut) {
   }
   EXPECT_THAT(cookie, Not(HasSubstr("Secure"))) << "there is no TLS";
   EXPECT_THAT(begun.body + cookie, Not(HasSubstr(tokens_["submitter"])));
-  const HttpHeaders session = {{"Cookie", "other=1; " + cookie.substr(0, cookie.find(';'))}, kChange};
-  const HttpAnswer answer = Ask("GET", "/api/v1/session", session);
+  const SentHeaders session = {{"Cookie", "other=1; " + cookie.substr(0, cookie.find(';'))}, kChange};
+  const HttpReply answer = Ask("GET", "/api/v1/session", session);
   ASSERT_EQ(answer.status, 200);
   EXPECT_EQ(answer.Header("cache-control"), "no-store");
   const json who = json::parse(answer.body);
@@ -40,7 +40,7 @@ TEST_F(HttpTest, LogsInAndOut) {
   const auto may = who["may"].get<std::vector<std::string>>();
   EXPECT_THAT(may, Contains("/tessera.v1.Jobs/CreateJob"));
   EXPECT_THAT(may, Not(Contains("/tessera.v1.Jobs/DeleteJob")));
-  const HttpAnswer ended = Ask("DELETE", "/api/v1/session", session);
+  const HttpReply ended = Ask("DELETE", "/api/v1/session", session);
   EXPECT_EQ(ended.status, 200);
   EXPECT_THAT(ended.Header("set-cookie"), HasSubstr("Max-Age=0"));
   EXPECT_EQ(Ask("GET", "/api/v1/session", session).status, 401);
@@ -52,7 +52,7 @@ TEST_F(HttpTest, LogsInAndOut) {
 
 TEST_F(HttpTest, WithoutTokensOnlyOwnNamesAreServed) {
   AskForNothing();
-  const HttpAnswer answer = Ask("GET", "/api/v1/session", {});
+  const HttpReply answer = Ask("GET", "/api/v1/session", {});
   ASSERT_EQ(answer.status, 200) << answer.body;
   const json who = json::parse(answer.body);
   EXPECT_EQ(who["name"], "");
@@ -80,7 +80,7 @@ TEST_F(HttpTest, TokensThatDoNotExistAreCountedAndLoggedOnce) {
   }
   EXPECT_EQ(refused, GuessLimits::kMaxFailures);
   EXPECT_EQ(too_many, 1000 - GuessLimits::kMaxFailures);
-  const HttpAnswer last = LogIn("guess");
+  const HttpReply last = LogIn("guess");
   EXPECT_EQ(last.status, 429);
   EXPECT_NE(last.Header("retry-after"), "");
   EXPECT_EQ(Ask("GET", "/api/v1/jobs", Bearer("viewer")).status, 200) << "who has a token is not locked out";
@@ -94,22 +94,22 @@ TEST_F(HttpTest, TokensThatDoNotExistAreCountedAndLoggedOnce) {
 
 TEST_F(HttpTest, ListsAreSharedAndKnownByTheirEtag) {
   for (int i = 0; i < 40; ++i) Create(AJob(2));
-  const HttpAnswer first = Ask("GET", "/api/v1/jobs?pageSize=30", Session("viewer"));
+  const HttpReply first = Ask("GET", "/api/v1/jobs?pageSize=30", Session("viewer"));
   ASSERT_EQ(first.status, 200);
   EXPECT_EQ(first.Header("content-type"), "application/json; charset=utf-8");
   const json page = json::parse(first.body);
   EXPECT_EQ(page["jobs"].size(), 30u);
   EXPECT_EQ(page["jobs"][0]["name"], "jobs/40");
   EXPECT_NE(page["nextPageToken"], "");
-  HttpHeaders again = Bearer("admin");
+  SentHeaders again = Bearer("admin");
   again.emplace_back("If-None-Match", first.Header("etag"));
-  const HttpAnswer same = Ask("GET", "/api/v1/jobs?pageSize=30", again);
+  const HttpReply same = Ask("GET", "/api/v1/jobs?pageSize=30", again);
   EXPECT_EQ(same.status, 304);
   EXPECT_EQ(same.Header("etag"), first.Header("etag"));
   EXPECT_EQ(Ask("GET", "/api/v1/jobs?pageSize=20", again).status, 200);
-  HttpHeaders packs = Bearer("viewer");
+  SentHeaders packs = Bearer("viewer");
   packs.emplace_back("Accept-Encoding", "gzip, deflate, br");
-  const HttpAnswer packed = Ask("GET", "/api/v1/jobs?pageSize=30", packs);
+  const HttpReply packed = Ask("GET", "/api/v1/jobs?pageSize=30", packs);
   EXPECT_EQ(packed.Header("content-encoding"), "gzip");
   EXPECT_LT(packed.body.size(), first.body.size() / 3);
   EXPECT_EQ(Ask("GET", "/api/v1/jobs?pageSize=x", Bearer("viewer")).status, 400);
@@ -118,8 +118,8 @@ TEST_F(HttpTest, ListsAreSharedAndKnownByTheirEtag) {
 }
 
 TEST_F(HttpTest, ErrorsHaveTheStatusOfTheCall) {
-  const HttpHeaders admin = Bearer("admin");
-  const HttpAnswer missing = Ask("GET", "/api/v1/jobs/99", admin);
+  const SentHeaders admin = Bearer("admin");
+  const HttpReply missing = Ask("GET", "/api/v1/jobs/99", admin);
   EXPECT_EQ(missing.status, 404);
   EXPECT_EQ(json::parse(missing.body)["code"], "NOT_FOUND");
   EXPECT_EQ(Ask("GET", "/api/v1/jobs/99:state", admin).status, 404);
@@ -138,9 +138,9 @@ TEST_F(HttpTest, CallsAreThoseOfTheServicesWithTheirAuditAndLimits) {
   testing::internal::CaptureStderr();
   ASSERT_TRUE(SetUpLog("info", false).ok());
   const json create = {{"scenePath", scene_}, {"settings", {{"tiles", 2}}}, {"displayName", "a\nb"}};
-  const HttpAnswer refused = Ask("POST", "/api/v1/jobs", Session("viewer"), create.dump());
+  const HttpReply refused = Ask("POST", "/api/v1/jobs", Session("viewer"), create.dump());
   EXPECT_EQ(refused.status, 403);
-  const HttpAnswer created = Ask("POST", "/api/v1/jobs", Session("submitter"), create.dump());
+  const HttpReply created = Ask("POST", "/api/v1/jobs", Session("submitter"), create.dump());
   ASSERT_TRUE(SetUpLog("off", false).ok());
   ASSERT_EQ(created.status, 200) << created.body;
   EXPECT_EQ(json::parse(created.body)["name"], "jobs/1");
@@ -156,7 +156,7 @@ TEST_F(HttpTest, CallsAreThoseOfTheServicesWithTheirAuditAndLimits) {
     return count;
   };
   EXPECT_EQ(calls("Jobs/CreateJob"), 1);
-  const HttpAnswer paused = Ask("PATCH", "/api/v1/jobs/1", Session("submitter"), "{\"paused\":true}");
+  const HttpReply paused = Ask("PATCH", "/api/v1/jobs/1", Session("submitter"), "{\"paused\":true}");
   EXPECT_EQ(json::parse(paused.body)["paused"], true);
   EXPECT_EQ(json::parse(Ask("POST", "/api/v1/jobs/1:cancel", Session("submitter"), "").body)["state"],
             "JOB_STATE_CANCELLED");
@@ -185,7 +185,7 @@ TEST_F(HttpTest, StreamsTellEachChangeUntilTheJobEnds) {
   const std::string job = Create(AJob(2));
   HttpConnection stream(Address());
   stream.Send(HttpConnection::Text("GET", "/api/v1/jobs/1:watch", Session("viewer"), "", Address()));
-  const HttpAnswer head = stream.Head();
+  const HttpReply head = stream.Head();
   ASSERT_EQ(head.status, 200);
   EXPECT_EQ(head.Header("content-type"), "text/event-stream");
   std::string text;
@@ -196,15 +196,15 @@ TEST_F(HttpTest, StreamsTellEachChangeUntilTheJobEnds) {
   const json state = json::parse(first.substr(first.find("data: ") + 6));
   EXPECT_EQ(state["job"]["name"], job);
   EXPECT_EQ(state["etag"], etag);
-  const HttpAnswer polled = Ask("GET", "/api/v1/jobs/1:state", Bearer("viewer"));
+  const HttpReply polled = Ask("GET", "/api/v1/jobs/1:state", Bearer("viewer"));
   EXPECT_EQ(polled.status, 200);
   EXPECT_EQ(polled.Header("etag"), "\"" + etag + "\"");
-  HttpHeaders has = Bearer("viewer");
+  SentHeaders has = Bearer("viewer");
   has.emplace_back("If-None-Match", "\"" + etag + "\"");
   EXPECT_EQ(Ask("GET", "/api/v1/jobs/1:state", has).status, 304);
   // A stream that was broken and begins again gets no state twice.
   HttpConnection again(Address());
-  HttpHeaders resumed = Bearer("viewer");
+  SentHeaders resumed = Bearer("viewer");
   resumed.emplace_back("Last-Event-ID", etag);
   again.Send(HttpConnection::Text("GET", "/api/v1/jobs/1:watch", resumed, "", Address()));
   EXPECT_EQ(again.Head().status, 200);
@@ -223,7 +223,7 @@ TEST_F(HttpTest, StreamsTellEachChangeUntilTheJobEnds) {
 TEST_F(HttpTest, StreamsEndWithTheirTokenOrSession) {
   Create(AJob(2));
   AddToken("leaving", Role::kViewer, 0);
-  const HttpHeaders session = Session("viewer");
+  const SentHeaders session = Session("viewer");
   HttpConnection of_token(Address()), of_session(Address());
   of_token.Send(HttpConnection::Text("GET", "/api/v1/jobs/1:watch", Bearer("leaving"), "", Address()));
   of_session.Send(HttpConnection::Text("GET", "/api/v1/jobs/1:watch", session, "", Address()));
@@ -240,7 +240,7 @@ TEST_F(HttpTest, StreamsEndWithTheirTokenOrSession) {
 }
 
 TEST_F(HttpTest, ThePageNeedsNoSession) {
-  const HttpAnswer page = Ask("GET", "/", {});
+  const HttpReply page = Ask("GET", "/", {});
   EXPECT_EQ(page.status, 200);
   EXPECT_EQ(page.Header("content-type"), "text/html; charset=utf-8");
   EXPECT_EQ(page.Header("cache-control"), "no-cache");

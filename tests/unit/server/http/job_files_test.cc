@@ -22,7 +22,7 @@ class JobFilesTest : public HttpTest {
               {"large", std::string(5 << 20, 'l') + "end"},
               {"report.html", "<script>alert(1)</script>"}};
     Publish();
-    Create(AJob(1));  // jobs/2, without files
+    Create(AJob(1, "another scene"));  // jobs/2, without files
     viewer_ = Bearer("viewer");
   }
   void Publish() {
@@ -37,50 +37,50 @@ class JobFilesTest : public HttpTest {
     }
     EXPECT_EQ(Job("jobs/1").header.state, JobState::kSucceeded);
   }
-  HttpAnswer Get(const std::string& target, const HttpHeaders& more = {}, const std::string& method = "GET") {
-    HttpHeaders headers = viewer_;
+  HttpReply Get(const std::string& target, const SentHeaders& more = {}, const std::string& method = "GET") {
+    SentHeaders headers = viewer_;
     headers.insert(headers.end(), more.begin(), more.end());
     return Ask(method, target, headers);
   }
 
   const std::string glb_ = std::string(3 << 20, 'g') + "end of the tile";
   std::map<std::string, std::string> files_;
-  HttpHeaders viewer_;
+  SentHeaders viewer_;
 };
 
 TEST_F(JobFilesTest, AreWholeOrPartsByName) {
-  const HttpAnswer whole = Get("/files/jobs/1/large");
+  const HttpReply whole = Get("/files/jobs/1/large");
   EXPECT_EQ(whole.status, 200);
   EXPECT_EQ(whole.body, files_["large"]);
   EXPECT_EQ(whole.Header("content-type"), "application/octet-stream");
   EXPECT_EQ(whole.Header("accept-ranges"), "bytes");
   EXPECT_EQ(whole.Header("etag"), "\"" + Sha256Hex(files_["large"]) + "\"");
   const std::string size = std::to_string(files_["large"].size());
-  const HttpAnswer part = Get("/files/jobs/1/large", {{"Range", "bytes=5242878-5242881"}});
+  const HttpReply part = Get("/files/jobs/1/large", {{"Range", "bytes=5242878-5242881"}});
   EXPECT_EQ(part.status, 206);
   EXPECT_EQ(part.body, "llen");
   EXPECT_EQ(part.Header("content-range"), "bytes 5242878-5242881/" + size);
   EXPECT_EQ(Get("/files/jobs/1/large", {{"Range", "bytes=-3"}}).body, "end");
-  const HttpAnswer outside = Get("/files/jobs/1/large", {{"Range", "bytes=5242883-"}});
+  const HttpReply outside = Get("/files/jobs/1/large", {{"Range", "bytes=5242883-"}});
   EXPECT_EQ(outside.status, 416);
   EXPECT_EQ(outside.Header("content-range"), "bytes */" + size);
   EXPECT_EQ(Get("/files/jobs/1/large", {{"Range", "bytes=-3"}, {"If-Range", "\"another\""}}).status, 200);
   EXPECT_EQ(Get("/files/jobs/1/large", {{"Range", "bytes=-3"}, {"If-Range", whole.Header("etag")}}).status, 206);
   EXPECT_EQ(Get("/files/jobs/1/large", {{"Range", "bytes=0-1,3-4,6-7"}}).status, 200) << "one part or all";
-  const HttpAnswer known = Get("/files/jobs/1/large", {{"If-None-Match", whole.Header("etag")}});
+  const HttpReply known = Get("/files/jobs/1/large", {{"If-None-Match", whole.Header("etag")}});
   EXPECT_EQ(known.status, 304);
-  const HttpAnswer head = Get("/files/jobs/1/large", {}, "HEAD");
+  const HttpReply head = Get("/files/jobs/1/large", {}, "HEAD");
   EXPECT_EQ(head.status, 200);
   EXPECT_EQ(head.Header("content-length"), size);
 }
 
 TEST_F(JobFilesTest, InsideArchivesOfSheetsHaveTheirFetchedNames) {
   EXPECT_EQ(Get("/files/jobs/1/export/3dtiles/result/tileset.json").body, files_["export/3dtiles/result/tileset.json"]);
-  const HttpAnswer tileset = Get("/files/jobs/1/export/3dtiles/result/3_-1/tileset.json");
+  const HttpReply tileset = Get("/files/jobs/1/export/3dtiles/result/3_-1/tileset.json");
   EXPECT_EQ(tileset.status, 200);
   EXPECT_EQ(tileset.body, "{\"of\":\"sheet\"}");
   EXPECT_EQ(tileset.Header("content-type"), "application/json");
-  const HttpAnswer tile = Get("/files/jobs/1/export/3dtiles/result/3_-1/0.glb");
+  const HttpReply tile = Get("/files/jobs/1/export/3dtiles/result/3_-1/0.glb");
   EXPECT_EQ(tile.body, glb_);
   EXPECT_EQ(tile.Header("content-type"), "model/gltf-binary");
   EXPECT_NE(tile.Header("etag"), tileset.Header("etag"));
@@ -95,7 +95,7 @@ TEST_F(JobFilesTest, InsideArchivesOfSheetsHaveTheirFetchedNames) {
 }
 
 TEST_F(JobFilesTest, PagesOfAJobHaveNoRights) {
-  const HttpAnswer page = Get("/files/jobs/1/report.html");
+  const HttpReply page = Get("/files/jobs/1/report.html");
   EXPECT_EQ(page.status, 200);
   EXPECT_THAT(page.Header("content-security-policy"), HasSubstr("sandbox"));
   EXPECT_EQ(page.headers.count("content-security-policy"), 1u);

@@ -10,7 +10,7 @@
 #include "common/base/status.h"
 #include "server/auth/access.h"
 #include "server/http/transcoding.h"
-#include "server/http/web_message.h"
+#include "server/web/web_message.h"
 #include "tessera/v1/jobs.pb.h"
 #include "tessera/v1/workers.pb.h"
 

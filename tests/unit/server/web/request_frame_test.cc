@@ -1,4 +1,4 @@
-#include "server/http/request_frame.h"
+#include "server/web/request_frame.h"
 
 #include <gtest/gtest.h>
 

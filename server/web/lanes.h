@@ -9,9 +9,10 @@
 #include <thread>
 #include <vector>
 
-#include "server/http/routes.h"
-
 namespace tessera {
+
+// Which threads serve a request, so that slow ones do not stop the others.
+enum class Lane { kQuick, kSlow, kFile, kStream };
 
 struct LaneLimits {
   int threads = 1;

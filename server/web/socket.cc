@@ -1,4 +1,4 @@
-#include "server/http/socket.h"
+#include "server/web/socket.h"
 
 #include <openssl/err.h>
 #include <openssl/ssl.h>
@@ -93,6 +93,11 @@ void Socket::EndWriting() {
   if (ssl_ != nullptr) SSL_shutdown(ssl_);
   ERR_clear_error();
   ::shutdown(fd_, SHUT_WR);
+}
+
+void Socket::Abort() {
+  const linger at_once = {1, 0};
+  ::setsockopt(fd_, SOL_SOCKET, SO_LINGER, &at_once, sizeof(at_once));
 }
 
 }  // namespace tessera

@@ -35,6 +35,8 @@ class Socket {
   bool ClosedByPeer() const;
   // Tells the other end that no more bytes follow, so that it reads what was sent.
   void EndWriting();
+  // What was written but not received yet is dropped when the socket is closed.
+  void Abort();
 
  private:
   Result ResultOf(int returned) const;

@@ -1,4 +1,4 @@
-#include "server/http/listener.h"
+#include "server/web/listener.h"
 
 #include <arpa/inet.h>
 #include <netdb.h>

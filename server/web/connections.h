@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "server/http/request_frame.h"
-#include "server/http/routes.h"
-#include "server/http/tls_context.h"
+#include "server/web/lanes.h"
+#include "server/web/request_frame.h"
+#include "server/web/tls_context.h"
 
 namespace tessera {
 

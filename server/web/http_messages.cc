@@ -1,4 +1,4 @@
-#include "server/http/http_messages.h"
+#include "server/web/http_messages.h"
 
 #include <httplib.h>
 #undef _res  // a macro of <resolv.h>, and a name in Eigen

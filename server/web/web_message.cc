@@ -1,4 +1,4 @@
-#include "server/http/web_message.h"
+#include "server/web/web_message.h"
 
 #include <cmath>
 #include <nlohmann/json.hpp>

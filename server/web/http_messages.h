@@ -6,8 +6,8 @@
 #include <optional>
 #include <string>
 
-#include "server/http/connections.h"
-#include "server/http/web_message.h"
+#include "server/web/connections.h"
+#include "server/web/web_message.h"
 
 namespace tessera {
 

@@ -1,4 +1,4 @@
-#include "server/http/connections.h"
+#include "server/web/connections.h"
 
 #include <poll.h>
 #include <sys/epoll.h>
@@ -17,9 +17,9 @@
 #include <utility>
 
 #include "common/log/log.h"
-#include "server/http/lanes.h"
-#include "server/http/listener.h"
-#include "server/http/socket.h"
+#include "server/web/lanes.h"
+#include "server/web/listener.h"
+#include "server/web/socket.h"
 
 namespace tessera {
 namespace {
@@ -50,6 +50,7 @@ struct Connection {
   size_t sent = 0;
   size_t lingered = 0;
   bool ends = false;       // after the answer
+  bool broken = false;     // the answer is not complete
   bool continued = false;  // 100 Continue was sent for the request under way
   Steady::time_point deadline, idle_since;
 };
@@ -74,7 +75,10 @@ class BufferedOutput final : public AnswerOutput {
  public:
   BufferedOutput(Connection& connection, Buffered& buffered) : connection_(connection), buffered_(buffered) {}
   bool Write(std::string_view bytes) override {
-    if (!buffered_.Add(bytes.size())) return false;
+    if (!buffered_.Add(bytes.size())) {
+      connection_.broken = true;
+      return false;
+    }
     connection_.answer.append(bytes);
     return true;
   }
@@ -91,6 +95,13 @@ class PacedOutput final : public AnswerOutput {
   PacedOutput(Connection& connection, double stall_s, const std::atomic<bool>& stops)
       : connection_(connection), stall_s_(stall_s), stops_(stops) {}
   bool Write(std::string_view bytes) override {
+    if (!connection_.broken && !WriteAll(bytes)) connection_.broken = true;
+    return !connection_.broken;
+  }
+  bool Connected() override { return !stops_ && !connection_.broken && !connection_.socket.ClosedByPeer(); }
+
+ private:
+  bool WriteAll(std::string_view bytes) {
     Steady::time_point until = In(stall_s_);
     size_t left_at_start = bytes.size();
     while (!stops_) {
@@ -108,9 +119,7 @@ class PacedOutput final : public AnswerOutput {
     }
     return false;
   }
-  bool Connected() override { return !stops_ && !connection_.socket.ClosedByPeer(); }
 
- private:
   Connection& connection_;
   const double stall_s_;
   const std::atomic<bool>& stops_;
@@ -248,8 +257,15 @@ struct Connections::Impl {
   void Sweep(Steady::time_point now) {
     for (const auto& [connection, owned] : all) {
       if (connection->state == ConnectionState::kAnswering || now < connection->deadline) continue;
-      if (!ended.contains(connection)) End(*connection);
+      if (ended.contains(connection)) continue;
+      connection->state == ConnectionState::kSending ? Break(*connection) : End(*connection);
     }
+  }
+
+  // Ends a connection without the rest of its answer, which would else stay in the kernel's memory.
+  void Break(Connection& connection) {
+    connection.socket.Abort();
+    End(connection);
   }
 
   // The connection is destroyed after this round of events.
@@ -361,7 +377,7 @@ struct Connections::Impl {
     BufferedOutput output(connection, buffered);
     const std::optional<bool> goes_on = handler.ServeAtOnce(request, output);
     if (!goes_on) return false;
-    connection.ends = !*goes_on;
+    connection.ends = !*goes_on || connection.broken;
     return true;
   }
 
@@ -391,6 +407,10 @@ struct Connections::Impl {
     }
     for (Connection* const connection : back) {
       Watch(EPOLL_CTL_ADD, connection->socket.fd(), EPOLLIN, connection);
+      if (connection->broken) {
+        Break(*connection);
+        continue;
+      }
       Flush(*connection);
       if (connection->state == ConnectionState::kReceiving && !ended.contains(connection)) Receive(*connection);
     }

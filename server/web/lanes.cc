@@ -1,4 +1,4 @@
-#include "server/http/lanes.h"
+#include "server/web/lanes.h"
 
 #include <utility>
 
