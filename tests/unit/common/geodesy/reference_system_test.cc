@@ -75,10 +75,10 @@ TEST(ReferenceSystemTest, PublishedPointsOfMapProjections) {
        DegreesOf(8, 43, 49.79), 1.2},
       {"Ordnance Survey, OSTN15: Caister water tower in ETRS89", "EPSG:27700", 651409.804, 313177.450,
        DegreesOf(52, 39, 28.8282), DegreesOf(1, 42, 57.8663), 5},
-      // NSGI's points for the self-test of RDNAPTRANS2018, in ETRS89. Without its grid, PROJ states 0.25 to 1 m.
-      {"RDNAPTRANS2018: Texel", "EPSG:28992", 117380.12, 575040.34, 53.160753042, 4.824761912, 0.4},
-      {"RDNAPTRANS2018: Amersfoort", "EPSG:28992", 155000, 463000, 52.155172897, 5.387203657, 0.4},
-      {"RDNAPTRANS2018: Zuid-Limburg", "EPSG:28992", 182260.45, 311480.67, 50.792584916, 5.773795548, 0.4}};
+      // The points of the test sheet of RDNAPTRANS2008, in ETRS89. Without its grid, PROJ states 0.25 to 1 m.
+      {"RDNAPTRANS2008: Texel", "EPSG:28992", 117380.12, 575040.34, 53.160753042, 4.824761912, 0.4},
+      {"RDNAPTRANS2008: Amersfoort", "EPSG:28992", 155000, 463000, 52.155172897, 5.387203657, 0.4},
+      {"RDNAPTRANS2008: Zuid-Limburg", "EPSG:28992", 182260.45, 311480.67, 50.792584916, 5.773795548, 0.4}};
   for (const PublishedPoint& p : points) {
     const Eigen::Vector3d g = GeodeticOf(p.crs, {p.easting, p.northing, 12});
     EXPECT_LT(PlanDistance_m(g, p.lat_deg, p.lon_deg), p.precision_m) << p.what;
