@@ -94,7 +94,12 @@ std::span<const ListSetting> ListSettings() {
        5,
        {2, 1, 0},
        &MethodSettings::levels},
-      {"iterations", "Iterations of geometry, one number per level", 1, 200, {3, 10, 10}, &MethodSettings::iterations}};
+      {"iterations",
+       "Iterations of geometry, one number per level; later rounds of tessera have half",
+       1,
+       200,
+       {4, 8, 10},
+       &MethodSettings::iterations}};
   return kSettings;
 }
 

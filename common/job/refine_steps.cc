@@ -4,13 +4,17 @@ namespace tessera {
 
 size_t FirstLevelOf(int round, size_t levels) { return round > 0 && levels > 0 ? levels - 1 : 0; }
 
-std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations,
-                                        int rounds) {
+std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations, int rounds,
+                                        bool short_rounds, bool alternate) {
   std::vector<RefineStep> steps = {RefineStep()};
   for (int round = 0; round < rounds; ++round) {
     int iteration = 0;
     for (size_t i = FirstLevelOf(round, levels.size()); i < levels.size(); ++i) {
-      for (int k = 0; k < iterations[i]; ++k) steps.push_back({round, levels[i], iteration++, k + 1 == iterations[i]});
+      const int count = short_rounds && round > 0 ? (iterations[i] + 1) / 2 : iterations[i];
+      for (int k = 0; k < count; ++k) {
+        RefineStep& step = steps.emplace_back(RefineStep{round, levels[i], iteration++, k + 1 == count});
+        if (alternate) step.directions = k % 2 == 0 ? PairDirections::kForward : PairDirections::kBackward;
+      }
     }
     steps.push_back({round, -1, iteration});
   }
@@ -22,9 +26,10 @@ std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, con
     return value.empty() ? list.standard : value;
   };
   const MethodRules rules = MethodRulesOf(method, rounds, settings);
-  if (!rules.moves) return MakeRefineSteps({}, {}, rules.rounds);
+  if (!rules.moves) return MakeRefineSteps({}, {}, rules.rounds, rules.short_rounds, rules.alternate);
   return MakeRefineSteps(or_standard(ListSettings()[0], settings.levels),
-                         or_standard(ListSettings()[1], settings.iterations), rules.rounds);
+                         or_standard(ListSettings()[1], settings.iterations), rules.rounds, rules.short_rounds,
+                         rules.alternate);
 }
 
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings) {
@@ -35,7 +40,7 @@ MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSet
   }
   if (method == "paper") {
     rules.rounds = kPaperRounds;
-    rules.labels_first = rules.flips_edges = false;
+    rules.labels_first = rules.flips_edges = rules.short_rounds = rules.alternate = false;
   }
   if (method == kLabelsMethod) {
     rules.rounds = 1;

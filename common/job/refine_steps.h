@@ -10,11 +10,15 @@ namespace tessera {
 
 inline constexpr int kTesseraRounds = 2, kBaselineRounds = 1, kPaperRounds = 5;
 
+// Which directions of the view pairs an iteration evaluates: forward warps the later view of the job into the earlier.
+enum class PairDirections { kBoth, kForward, kBackward };
+
 struct RefineStep {
   int round = -1;           // -1: before the first round
   int level = -1;           // pyramid level of a geometry step; -1: label step
   int iteration = 0;        // counted over all levels of the round
   bool ends_level = false;  // the last iteration of its level; self-intersections are repaired after it
+  PairDirections directions = PairDirections::kBoth;
   bool labels() const { return level < 0; }
   bool first() const { return round < 0; }
 };
@@ -24,8 +28,10 @@ struct RefineStep {
 size_t FirstLevelOf(int round, size_t levels);
 
 // A label step, then in each round the iterations of its levels and a label step. The first label step always exists,
-// but does nothing for some methods. `levels` and `iterations` have the same length.
-std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations, int rounds);
+// but does nothing for some methods. `levels` and `iterations` have the same length. `short_rounds`: rounds after the
+// first have half the iterations, rounded up. `alternate`: iterations evaluate one direction of the pairs, in turn.
+std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations, int rounds,
+                                        bool short_rounds, bool alternate);
 
 // The steps of a job. `rounds` 0 and unset settings mean the method's defaults. CheckMethod must accept the settings.
 std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, const MethodSettings& settings);
@@ -37,6 +43,9 @@ struct MethodRules {
   bool geometry_uses_labels = true;  // false: the geometry ignores labels
   bool moves = true;                 // false: only labels are solved
   bool flips_edges = true;           // flip edges of the published mesh
+  // As MakeRefineSteps. Alternating takes half the work, and the result is as near to the truth or nearer
+  // (tests/bench/speed.md).
+  bool short_rounds = true, alternate = true;
 };
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings);
 

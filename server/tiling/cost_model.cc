@@ -202,7 +202,7 @@ bool IsOnlyTile(const TileWork& work) { return work.visible_faces < work.core_fa
 double MeasureSeconds(const TileWork& work, const RefineEffort& effort) {
   const double draw =
       kDrawSeconds * work.drawn_faces * effort.iterations + kMapSeconds * work.pixels * effort.evaluations;
-  return kWarpSeconds * work.pair_pixels * effort.evaluations + kLabelSeconds * work.pixels * effort.labellings +
+  return kWarpSeconds * work.pair_pixels * effort.warps + kLabelSeconds * work.pixels * effort.labellings +
          (IsOnlyTile(work) ? 1 : kTileDrawShare) * draw;
 }
 
@@ -220,6 +220,7 @@ RefineEffort EffortOf(const RefineStep& step) {
     effort.finest_share = effort.labellings = 1;
   } else {
     effort.evaluations = effort.finest_share = std::ldexp(1.0, -2 * step.level);
+    effort.warps = (step.directions == PairDirections::kBoth ? 1 : 0.5) * effort.evaluations;
     effort.iterations = 1;
     effort.widths = std::ldexp(1.0, -step.level);
     effort.mends = step.ends_level ? 1 : 0;
@@ -232,6 +233,7 @@ RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<in
   for (const int step : which) {
     const RefineEffort effort = EffortOf(steps[step]);
     sum.evaluations += effort.evaluations;
+    sum.warps += effort.warps;
     sum.iterations += effort.iterations;
     sum.widths += effort.widths;
     sum.finest_share = std::max(sum.finest_share, effort.finest_share);

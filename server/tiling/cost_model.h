@@ -20,6 +20,7 @@ namespace tessera {
 // Amount of work of some refinement steps.
 struct RefineEffort {
   double evaluations = 0;   // evaluations of the data term; one at level l counts 4^-l
+  double warps = 0;         // evaluations of all pairs in both directions; one at level l counts 4^-l
   double iterations = 0;    // iterations at any level
   double widths = 0;        // relative image widths, summed: level l counts 2^-l
   double finest_share = 0;  // pixels of the finest level / pixels at full resolution

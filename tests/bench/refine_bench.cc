@@ -1,5 +1,5 @@
 // Refines one scene in one piece and prints energies, times and nanoseconds per pixel and pair:
-//   refine_bench SCENE [--out RESULT.ply] [--levels 2,1,0 --iterations 3,10,10] [--thin-plate W] ...
+//   refine_bench SCENE [--out RESULT.ply] [--levels 2,1,0 --iterations 4,8,10] [--thin-plate W] ...
 // Score the result with `tessera evaluate RESULT.ply --scene SCENE`.
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -110,7 +110,8 @@ Status Bench(Arguments& a) {
     problem.views.push_back({cameras[i], std::make_shared<HeldPixels>(images[i])});
   DensityOptions density;
   density.max_footprint_px2 = a.max_footprint_px2;
-  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(start, RepairOptionsOf(scene.views, scene.frame), &warnings));
+  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired,
+                           RepairMesh(start, RepairOptionsOf(scene.views, scene.frame), &warnings));
   problem.mesh = SplitLargeFaces(repaired.mesh, cameras, density).mesh;
   std::printf("views %zu  gsd %.4f m  faces %zu -> %zu\n", cameras.size(), problem.gsd_m, start.faces.size(),
               problem.mesh.faces.size());

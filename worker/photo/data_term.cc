@@ -45,12 +45,12 @@ int TargetMargin_px(int level) { return 2 << level; }
 
 DataTerm::DataTerm(const std::vector<RefineView>& views, const std::vector<ViewPair>& pairs, const ViewGroups& groups,
                    const MeshCells* cells, bool uses_likelihoods, const DataOptions& options)
-    : refine_views_(views),
-      pairs_(pairs),
-      groups_(groups),
-      cells_(cells),
-      uses_likelihoods_(uses_likelihoods),
-      options_(options) {}
+    : refine_views_(views), groups_(groups), cells_(cells), uses_likelihoods_(uses_likelihoods), options_(options) {
+  for (const ViewPair& pair : pairs) {
+    PairsIn(PairDirections::kBoth).push_back(pair);
+    PairsIn(pair.reference < pair.other ? PairDirections::kForward : PairDirections::kBackward).push_back(pair);
+  }
+}
 
 Status DataTerm::EnterLevel(int level) {
   if (level == level_) return absl::OkStatus();
@@ -65,13 +65,13 @@ Status DataTerm::EnterLevel(int level) {
     if (view.ok()) views_[i] = *std::move(view);
   });
   for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
-  photo_ = std::make_unique<PhotoTerm>(&views_, pairs_, MakePhotoOptions(options_), &groups_);
+  photo_ = std::make_unique<PhotoTerm>(&views_, MakePhotoOptions(options_), &groups_);
   level_ = level;
   return absl::OkStatus();
 }
 
-void DataTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const Clock* clock,
-                        FaceDerivatives* out) {
+void DataTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, PairDirections directions,
+                        const Clock* clock, FaceDerivatives* out) {
   ContourOptions contour;
   contour.weight = options_.contour;
   contour.borders = options_.borders;
@@ -81,7 +81,8 @@ void DataTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& ow
     contours[index] = FindContours(mesh, mesh.labels, own, view, map, contour);
   };
   const bool has_contours = options_.contour > 0 && !mesh.labels.empty();
-  photo_->Evaluate(mesh, own, cells_, clock, &out->photo, has_contours ? PhotoTerm::MapVisitor(find) : nullptr);
+  photo_->Evaluate(PairsIn(directions), mesh, own, cells_, clock, &out->photo,
+                   has_contours ? PhotoTerm::MapVisitor(find) : nullptr);
   std::vector<int32_t> ids;
   for (const RefineView& view : refine_views_) ids.push_back(view.id);
   out->contours = AddContours(contours, ids);

@@ -1,6 +1,7 @@
 // The data terms at one pyramid level: loads the views' texels and evaluates E_photo, E_sem and E_contour per face.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "common/imaging/border_trust.h"
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
+#include "common/job/refine_steps.h"
 #include "worker/photo/contour_term.h"
 #include "worker/photo/pairs.h"
 #include "worker/photo/photo_term.h"
@@ -54,8 +56,8 @@ int TargetMargin_px(int level);
 
 class DataTerm {
  public:
-  // All arguments except the options must outlive the object; `cells` may be null. `uses_likelihoods` false: E_sem and
-  // E_contour are off.
+  // `views`, in the order of the job, `groups` and `cells` must outlive the object; `cells` may be null.
+  // `uses_likelihoods` false: E_sem and E_contour are off.
   DataTerm(const std::vector<RefineView>& views, const std::vector<ViewPair>& pairs, const ViewGroups& groups,
            const MeshCells* cells, bool uses_likelihoods, const DataOptions& options);
 
@@ -65,7 +67,8 @@ class DataTerm {
   // Evaluates the terms at the mesh's current positions on the current level. Without `mesh.labels` there are no
   // contours. The derivatives of own faces (flags; empty: all) are exact to the last bit if the mesh contains all
   // faces that the margins above can show: see PhotoTerm::Evaluate.
-  void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const Clock* clock, FaceDerivatives* out);
+  void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, PairDirections directions,
+                const Clock* clock, FaceDerivatives* out);
 
   // Frees the buffers that the next Evaluate would use again.
   void ReleaseBuffers() {
@@ -73,8 +76,10 @@ class DataTerm {
   }
 
  private:
+  std::vector<ViewPair>& PairsIn(PairDirections directions) { return pairs_[static_cast<size_t>(directions)]; }
+
   const std::vector<RefineView>& refine_views_;
-  const std::vector<ViewPair>& pairs_;
+  std::array<std::vector<ViewPair>, 3> pairs_;  // by PairDirections
   const ViewGroups& groups_;
   const MeshCells* cells_;
   const bool uses_likelihoods_;

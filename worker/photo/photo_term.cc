@@ -73,28 +73,24 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
   return pair;
 }
 
-PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
-                     const ViewGroups* groups)
-    : views_(*views),
-      pairs_(pairs),
-      options_(options),
-      groups_(groups),
-      opening_(views->size()),
-      first_step_(views->size()),
-      closing_(views->size()),
-      maps_(views->size()),
-      targets_(views->size()) {
+PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const PhotoOptions& options, const ViewGroups* groups)
+    : views_(*views), options_(options), groups_(groups), maps_(views->size()), targets_(views->size()) {}
+
+void PhotoTerm::OrderViews(const std::vector<ViewPair>& pairs) {
+  opening_.resize(views_.size());
   std::iota(opening_.begin(), opening_.end(), size_t{0});
   first_step_ = opening_;
   std::vector<size_t> last_step = opening_;
-  for (const ViewPair& pair : pairs_) {
+  for (const ViewPair& pair : pairs) {
     const size_t step = static_cast<size_t>(pair.reference);
     first_step_[pair.other] = std::min(first_step_[pair.other], step);
     last_step[pair.other] = std::max(last_step[pair.other], step);
   }
   std::stable_sort(opening_.begin(), opening_.end(),
                    [&](size_t a, size_t b) { return first_step_[a] < first_step_[b]; });
+  closing_.assign(views_.size(), {});
   for (size_t v = 0; v < views_.size(); ++v) closing_[last_step[v]].push_back(v);
+  opened_ = 0;
 }
 
 // The best fitting buffers, so that small views do not keep large buffers.
@@ -111,7 +107,8 @@ PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
   return buffers;
 }
 
-void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells) {
+void PhotoTerm::FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
+                         const MeshCells* cells) {
   const CellBoxes boxes(mesh, cells);
   parts_.clear();
   target_rects_.clear();
@@ -130,7 +127,7 @@ void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   }
   problem.boxes = boxes.boxes();
   problem.own = OwnCellsOfViews(*cells, own, groups_->selected, views_.size());
-  for (const ViewPair& pair : pairs_) problem.pairs.push_back({pair.reference, pair.other});
+  for (const ViewPair& pair : pairs) problem.pairs.push_back({pair.reference, pair.other});
   problem.reference_margin_px = std::max(2 * options_.window.radius, options_.visitor_margin_px);
   problem.target_margin_px = 1;
   const VisibleCells visible = FindVisibleCells(problem);
@@ -222,9 +219,9 @@ void PhotoTerm::ReturnWorkspace(std::unique_ptr<Workspace> workspace) {
   workspaces_.push_back(std::move(workspace));
 }
 
-void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<uint8_t>& own, size_t first_pair,
-                                  size_t last_pair, PhotoSums* out) {
-  const int i = pairs_[first_pair].reference;
+void PhotoTerm::EvaluateReference(std::span<const ViewPair> pairs, const TriangleMesh& mesh,
+                                  const std::vector<uint8_t>& own, PhotoSums* out) {
+  const int i = pairs.front().reference;
   const PhotoView& reference = ReferenceOf(i);
   const PosedCamera& camera = reference.camera;
   const Texels& texels = reference.texels;
@@ -232,8 +229,8 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<ui
   offsets_.resize(mesh.faces.size());
   ForFaces(parts_[i], [&](int64_t f) { offsets_[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre)); });
   std::vector<ZnccPair> warps;
-  for (size_t p = first_pair; p < last_pair; ++p) {
-    const int j = pairs_[p].other;
+  for (const ViewPair& pair : pairs) {
+    const int j = pair.other;
     if (target_rects_[j].empty()) continue;
     warps.push_back(MakeZnccPair(reference, views_[j].camera, targets_[j], options_.occlusion_px));
   }
@@ -267,11 +264,12 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<ui
   gatherer_.Finish(&out->faces);
 }
 
-void PhotoTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells,
-                         const Clock* clock, PhotoSums* out, const MapVisitor& visit) {
+void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
+                         const MeshCells* cells, const Clock* clock, PhotoSums* out, const MapVisitor& visit) {
   const double start_s = Seconds(clock);
   out->seconds_visibility = 0;
-  FindWork(mesh, own, cells);
+  OrderViews(pairs);
+  FindWork(pairs, mesh, own, cells);
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());
   ParallelForEach(mesh.faces.size(), kFaceGrain, [&](int64_t f) {
@@ -281,15 +279,16 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   out->faces.assign(mesh.faces.size(), FaceSums());
   out->sums = ZnccSums();
   out->warped_pixels = 0;
-  opened_ = 0;
   size_t first = 0;
   for (size_t step = 0; step < views_.size(); ++step) {
     const double open_s = Seconds(clock);
     Open(step, mesh, own, visit);
     out->seconds_visibility += Seconds(clock) - open_s;
     size_t last = first;
-    while (last < pairs_.size() && pairs_[last].reference == static_cast<int>(step)) ++last;
-    if (last > first && !reference_rects_[step].empty()) EvaluateReference(mesh, own, first, last, out);
+    while (last < pairs.size() && pairs[last].reference == static_cast<int>(step)) ++last;
+    if (last > first && !reference_rects_[step].empty()) {
+      EvaluateReference(std::span(pairs).subspan(first, last - first), mesh, own, out);
+    }
     first = last;
     Close(step);
   }

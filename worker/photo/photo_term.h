@@ -9,6 +9,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "common/base/clock.h"
@@ -77,25 +78,24 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
 // threads.
 class PhotoTerm {
  public:
-  // `views`, `pairs` and `groups` must outlive the object; pairs are sorted by reference. `groups`: view selection
-  // for the mesh's faces; null: every view is selected for every face.
-  PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
-            const ViewGroups* groups = nullptr);
+  // `views` and `groups` must outlive the object. `groups`: view selection for the mesh's faces; null: every view is
+  // selected for every face.
+  PhotoTerm(std::vector<PhotoView>* views, const PhotoOptions& options, const ViewGroups* groups = nullptr);
 
   // Called once per view with the map of own faces and their surroundings, and the texels of the same window. Called
   // from several threads, for different views.
   using MapVisitor = std::function<void(size_t index, const PhotoView& view, const FaceMap& map)>;
 
-  // Evaluates all pairs. Visibility is computed from `mesh` and kept constant in the derivatives. `own`: flags of the
-  // faces to sum, the own faces; empty: all.
+  // Evaluates `pairs`, sorted by reference. Visibility is computed from `mesh` and kept constant in the derivatives.
+  // `own`: flags of the faces to sum, the own faces; empty: all.
   // Dependency: the sums of an own face depend only on the pixels within 2·radius rows and columns of its own pixels
   // in each reference, and on the depths and texels where those pixels are warped to in the partners. (A pixel
   // belongs to windows up to `radius` away, which contain pixels up to `radius` further.)
   // `cells`, `clock` and `visit` may be null. With `cells`, group i of `groups` must be cell i, and invisible cells are
   // not drawn (FindVisibleCells). A view is drawn when the first pair needs it and freed after the last one, so memory
   // is bounded by the views open at the same time: views of a pair should be close in the list.
-  void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells, const Clock* clock,
-                PhotoSums* out, const MapVisitor& visit = nullptr);
+  void Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
+                const MeshCells* cells, const Clock* clock, PhotoSums* out, const MapVisitor& visit = nullptr);
 
   // Frees buffers that the next Evaluate would reuse.
   void ReleaseBuffers();
@@ -119,15 +119,18 @@ class PhotoTerm {
   const PhotoView& ReferenceOf(size_t view) const { return IsNarrow(view) ? references_[view] : views_[view]; }
   std::unique_ptr<Workspace> TakeWorkspace();
   void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
-  void FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells);
+  // Sets `opening_`, `first_step_` and `closing_`.
+  void OrderViews(const std::vector<ViewPair>& pairs);
+  void FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
+                const MeshCells* cells);
   // Draws the views that reference `step` needs, and some later ones so that all threads are busy.
   void Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit);
   void Close(size_t step);
-  void EvaluateReference(const TriangleMesh& mesh, const std::vector<uint8_t>& own, size_t first_pair, size_t last_pair,
+  // `pairs`: of one reference.
+  void EvaluateReference(std::span<const ViewPair> pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                          PhotoSums* out);
 
   std::vector<PhotoView>& views_;
-  const std::vector<ViewPair>& pairs_;
   PhotoOptions options_;
   const ViewGroups* groups_;
   Rasterizer rasterizer_;

@@ -80,7 +80,8 @@ Status Measure(TileWorkspace& work, TileImages& images, const TileSnapshot& snap
   sums->seconds_loading = SecondsSince(clock, start_us);
   TriangleMesh mesh = {snapshot.positions, package.mesh.faces, {}};
   if (GeometryUsesLabels(package, options)) mesh.labels = snapshot.labels;
-  images.data_term.Evaluate(mesh, work.whole() ? std::vector<uint8_t>() : work.measured(), &clock, &sums->derivatives);
+  images.data_term.Evaluate(mesh, work.whole() ? std::vector<uint8_t>() : work.measured(), at.step.directions, &clock,
+                            &sums->derivatives);
   const PhotoSums& photo = sums->derivatives.photo;
   if (photo.sums.weight > 0) sums->energy = photo.sums.energy / photo.sums.weight;
   if (photo.sums.semantic_pixels > 0) {

@@ -6,7 +6,7 @@ namespace tessera {
 namespace {
 
 TEST(RefineSteps, EachLevelEndsOncePerRound) {
-  const auto steps = MakeRefineSteps({2, 0}, {3, 1}, 2);
+  const auto steps = MakeRefineSteps({2, 0}, {3, 1}, 2, false, false);
   std::string order;
   for (const RefineStep& step : steps) {
     order += step.labels() ? "L" : std::to_string(step.level);
@@ -15,6 +15,35 @@ TEST(RefineSteps, EachLevelEndsOncePerRound) {
   EXPECT_EQ(order, "L222|0|L0|L");
   EXPECT_TRUE(steps[0].first());
   EXPECT_FALSE(steps[5].first());
+}
+
+TEST(RefineSteps, LaterRoundsOfTheDefaultMethodHaveHalfTheIterations) {
+  MethodSettings settings;
+  settings.levels = {1, 0};
+  settings.iterations = {4, 5};
+  const auto iterations = [&](const std::string& method) {
+    std::string text;
+    int count = 0;
+    for (const RefineStep& step : RefineStepsOf(method, 3, settings)) {
+      count += !step.labels();
+      if (step.ends_level) text += std::to_string(count) + " ", count = 0;
+    }
+    return text;
+  };
+  EXPECT_EQ(iterations("tessera"), "4 5 3 3 ");
+  EXPECT_EQ(iterations("paper"), "4 5 5 5 ");
+}
+
+TEST(RefineSteps, IterationsOfALevelAlternateTheDirections) {
+  const auto directions = [](const std::string& method) {
+    std::string text;
+    for (const RefineStep& step : RefineStepsOf(method, 2, {})) {
+      text += step.labels() ? 'L' : "bfr"[static_cast<int>(step.directions)];
+    }
+    return text;
+  };
+  EXPECT_EQ(directions("tessera"), "LfrfrfrfrfrfrfrfrfrfrfrLfrfrfL");
+  EXPECT_EQ(directions("paper"), "L" + std::string(22, 'b') + "L" + std::string(10, 'b') + "L");
 }
 
 TEST(RefineSteps, SettingsOverrideTheMethodsRules) {
@@ -52,7 +81,7 @@ TEST(RefineSteps, LabelsMethodHasOneStep) {
 }
 
 TEST(RefineSteps, LabelStepsActOnlyIfLabelsCanChange) {
-  const auto steps = MakeRefineSteps({0}, {2}, 1);  // L00L
+  const auto steps = MakeRefineSteps({0}, {2}, 1, false, false);  // L00L
   const auto active = [&](const MethodRules& rules, const LabelTraits& scene) {
     std::string text;
     for (const int step : ActiveSteps(steps, rules, scene)) text += std::to_string(step);

@@ -11,8 +11,8 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
 #include "common/base/parallel.h"
-#include "common/imaging/image_io.h"
 #include "common/check/check.h"
+#include "common/imaging/image_io.h"
 #include "tests/support/quad_mesh.h"
 #include "tests/support/tiny_scene.h"
 
@@ -59,6 +59,25 @@ TEST(SceneTest, RoundTrip) {
     EXPECT_EQ(mesh->faces, tiny.mesh.faces);
     EXPECT_EQ(mesh->labels, tiny.mesh.labels);
     EXPECT_NEAR(*MedianGsd(*scene, *mesh), 0.2, 0.03);
+  }
+}
+
+// Programs number the same images differently. The order of the views decides how sums over views round.
+TEST(SceneTest, ViewsAreSortedByNameWhateverTheirIds) {
+  const std::string folder = FreshTestFolder("scene");
+  const TinyScene tiny = WriteTinyScene(folder);
+  const std::string path = folder + "/colmap/images.txt", images = ReadText(path);
+  // "1 QW ..." becomes "9 QW ...": the first image gets the last id.
+  const size_t first = images.find("\n1 ");
+  ASSERT_NE(first, std::string::npos);
+  WriteText(path, std::string(images).replace(first, 3, "\n9 "));
+  Warnings warnings;
+  const StatusOr<SceneDescription> scene = LoadScene(folder, &warnings);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ASSERT_EQ(scene->views.size(), tiny.cameras.size());
+  for (size_t v = 0; v < tiny.cameras.size(); ++v) {
+    EXPECT_EQ(scene->views[v].name, tiny.image_names[v]);
+    EXPECT_LT((scene->views[v].camera.Centre() - tiny.cameras[v].Centre()).norm(), 1e-9);
   }
 }
 

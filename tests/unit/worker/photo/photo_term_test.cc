@@ -57,7 +57,7 @@ struct Scene {
   PhotoSums Faces(const std::vector<ViewPair>& pairs, const std::vector<uint8_t>& own = {}) const {
     PhotoSums out;
     std::vector<PhotoView> at_hand = views;
-    PhotoTerm(&at_hand, pairs, options).Evaluate(mesh, own, nullptr, nullptr, &out);
+    PhotoTerm(&at_hand, options).Evaluate(pairs, mesh, own, nullptr, nullptr, &out);
     return out;
   }
   Evaluated Evaluate(const std::vector<ViewPair>& pairs) const {
