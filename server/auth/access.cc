@@ -36,6 +36,7 @@ const std::map<std::string, RoleSet>& Rules() {
       {"/tessera.v1.Jobs/ListAttempts", kReaders},
       {"/tessera.v1.Jobs/ListTiles", kReaders},
       {"/tessera.v1.Jobs/ListViews", kReaders},
+      {"/tessera.v1.Jobs/LocatePoint", kReaders},
       {"/tessera.v1.Jobs/ListArtifacts", kReaders},
       {"/tessera.v1.Jobs/ListSettings", kReaders},
       {"/tessera.v1.Jobs/QuoteJob", kSubmitters},  // reads a scene, as CreateJob

@@ -21,7 +21,8 @@ void ToProto(const JobStatus& status, v1::Job* proto);
 void ToProto(const TaskStatus& status, v1::Task* proto);
 void ToProto(const AttemptStatus& status, v1::Attempt* proto);
 void ToProto(const ListedTile& tile, v1::Tile* proto);
-void ToProto(const MapView& view, v1::View* proto);
+void ToProto(const ListedView& listed, v1::View* proto);
+void ToProto(const PointOnMap& found, v1::LocatePointResponse* proto);
 void ToProto(const ListedSetting& setting, v1::Setting* proto);
 void ToProto(const JobQuote& quote, v1::Quote* proto);
 // `shared_paths`: include the coordinator's paths of the inputs.

@@ -47,13 +47,21 @@ grpc::Status JobsService::ListViews(grpc::ServerContext*, const v1::ListViewsReq
   if (!first.ok()) return ToGrpc(first.status());
   const auto page = tiles_.ListViews(request->parent(), *first, PageSize(request->page_size(), kMaxPage));
   if (!page.ok()) return ToGrpc(page.status());
-  const auto add = [&](const MapView& view) {
+  const auto add = [&](const ListedView& view) {
     v1::View& added = *response->add_views();
     ToProto(view, &added);
     return added.ByteSizeLong();
   };
-  const auto place = [&](const MapView& view) { return *first + static_cast<int>(&view - page->views.data()); };
+  const auto place = [&](const ListedView& view) { return *first + static_cast<int>(&view - page->views.data()); };
   FillPage(page->views, add, place, page->next, response);
+  return grpc::Status::OK;
+}
+
+grpc::Status JobsService::LocatePoint(grpc::ServerContext*, const v1::LocatePointRequest* request,
+                                      v1::LocatePointResponse* response) {
+  const auto found = tiles_.LocatePoint(request->name(), {request->x_m(), request->y_m(), request->z_m()});
+  if (!found.ok()) return ToGrpc(found.status());
+  ToProto(*found, response);
   return grpc::Status::OK;
 }
 

@@ -125,7 +125,8 @@ grpc::Status JobsService::ListAttempts(grpc::ServerContext*, const v1::ListAttem
   for (const auto* part : {&task, &number}) {
     if (!part->ok()) return ToGrpc(absl::InvalidArgumentError("malformed page token: '" + token + "'"));
   }
-  const auto page = jobs_.ListAttempts(request->parent(), *task, *number, PageSize(request->page_size(), 1000));
+  const auto tile = request->has_tile() ? std::optional<int>(request->tile()) : std::nullopt;
+  const auto page = jobs_.ListAttempts(request->parent(), *task, *number, PageSize(request->page_size(), 1000), tile);
   if (!page.ok()) return ToGrpc(page.status());
   const auto set_next_page = [&](int next_task, int next_number) {
     response->set_next_page_token(std::to_string(next_task) + "." + std::to_string(next_number));

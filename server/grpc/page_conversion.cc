@@ -1,8 +1,12 @@
 // Conversions of what pages show: tiles, views, settings, quotes.
+#include <numbers>
+
 #include "server/grpc/conversion.h"
 
 namespace tessera {
 namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;
 
 void SetInterval(const std::optional<Interval>& interval, v1::Interval* (v1::Quote::*field)(), v1::Quote* proto) {
   if (!interval) return;
@@ -44,7 +48,8 @@ void ToProto(const ListedTile& tile, v1::Tile* proto) {
   proto->set_progress(status.progress);
 }
 
-void ToProto(const MapView& view, v1::View* proto) {
+void ToProto(const ListedView& listed, v1::View* proto) {
+  const MapView& view = listed.view;
   proto->set_image(view.image);
   proto->set_x_m(view.centre.x());
   proto->set_y_m(view.centre.y());
@@ -56,6 +61,32 @@ void ToProto(const MapView& view, v1::View* proto) {
   proto->set_ground_y_m(view.on_ground.y());
   proto->set_ground_direction_x(view.ground_heading.x());
   proto->set_ground_direction_y(view.ground_heading.y());
+  proto->set_tiles_x_m(listed.in_tiles.x());
+  proto->set_tiles_y_m(listed.in_tiles.y());
+  proto->set_tiles_z_m(listed.in_tiles.z());
+  proto->set_tiles_direction_x(listed.axis_in_tiles.x());
+  proto->set_tiles_direction_y(listed.axis_in_tiles.y());
+  proto->set_tiles_direction_z(listed.axis_in_tiles.z());
+}
+
+void ToProto(const PointOnMap& found, v1::LocatePointResponse* proto) {
+  const LocatedPoint& point = found.point;
+  proto->set_crs(point.crs);
+  proto->set_x(point.p.x());
+  proto->set_y(point.p.y());
+  proto->set_z(point.p.z());
+  proto->set_scene_x_m(point.in_scene.x());
+  proto->set_scene_y_m(point.in_scene.y());
+  proto->set_scene_z_m(point.in_scene.z());
+  if (point.geodetic) {
+    proto->set_on_globe(true);
+    proto->set_latitude_deg(point.geodetic->x() * kDegrees);
+    proto->set_longitude_deg(point.geodetic->y() * kDegrees);
+    proto->set_height_m(point.geodetic->z());
+  }
+  proto->set_ground_x_m(found.on_ground.x());
+  proto->set_ground_y_m(found.on_ground.y());
+  proto->set_tile(found.tile);
 }
 
 void ToProto(const ListedSetting& setting, v1::Setting* proto) {

@@ -57,6 +57,8 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
                          v1::ListTilesResponse* response) override;
   grpc::Status ListViews(grpc::ServerContext* context, const v1::ListViewsRequest* request,
                          v1::ListViewsResponse* response) override;
+  grpc::Status LocatePoint(grpc::ServerContext* context, const v1::LocatePointRequest* request,
+                           v1::LocatePointResponse* response) override;
   grpc::Status ListArtifacts(grpc::ServerContext* context, const v1::ListArtifactsRequest* request,
                              v1::ListArtifactsResponse* response) override;
   grpc::Status ListSettings(grpc::ServerContext* context, const v1::ListSettingsRequest* request,

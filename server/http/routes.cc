@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <optional>
 
+#include "server/web/web_message.h"
+
 namespace tessera {
 namespace {
 
@@ -53,6 +55,7 @@ const std::vector<Route>& Routes() {
       {"GET", "/api/v1/jobs/{job}/attempts", "/tessera.v1.Jobs/ListAttempts", kCall, "parent", Lane::kQuick, true},
       {"GET", "/api/v1/jobs/{job}/tiles", "/tessera.v1.Jobs/ListTiles", kCall, "parent", Lane::kQuick, true},
       {"GET", "/api/v1/jobs/{job}/views", "/tessera.v1.Jobs/ListViews", kCall, "parent", Lane::kQuick, true},
+      {"GET", "/api/v1/jobs/{job}:locate", "/tessera.v1.Jobs/LocatePoint", kCall, "name"},
       {"GET", "/api/v1/jobs/{job}/artifacts", "/tessera.v1.Jobs/ListArtifacts", kCall, "parent", Lane::kQuick, true},
       {"GET", "/api/v1/workers", "/tessera.v1.Workers/ListWorkers", kCall, "", Lane::kQuick, true},
       {"GET", "/api/v1/settings", "/tessera.v1.Jobs/ListSettings", kCall, "", Lane::kQuick, true},
@@ -78,6 +81,18 @@ RouteMatch FindRoute(std::string_view method, std::string_view path) {
     other.other_method = true;
   }
   return other;
+}
+
+std::vector<std::string> HttpRouteNames() {
+  std::vector<std::string> names;
+  for (const Route& route : Routes()) names.push_back(std::string(route.method) + " " + std::string(route.path));
+  return names;
+}
+
+size_t RouteIndex(std::string_view method, std::string_view raw_path) {
+  const auto path = DecodedPath(raw_path);
+  const RouteMatch match = path.ok() ? FindRoute(method, *path) : RouteMatch();
+  return match.route == nullptr ? Routes().size() : static_cast<size_t>(match.route - Routes().data());
 }
 
 }  // namespace tessera

@@ -57,13 +57,14 @@ std::string StageText(const Ledger& ledger, int index, const LeaseTable& leases)
   return lease != nullptr && !lease->stage.empty() ? absl::StrCat(text, ": ", lease->stage) : text;
 }
 
-JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us) {
+JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us,
+                      size_t max_artifacts) {
   JobStatus status;
   status.header = job.header;
   status.artifacts_total = static_cast<int>(job.artifacts.size());
   status.artifacts.assign(
       job.artifacts.begin(),
-      job.artifacts.begin() + static_cast<std::ptrdiff_t>(std::min(job.artifacts.size(), kMaxShownArtifacts)));
+      job.artifacts.begin() + static_cast<std::ptrdiff_t>(std::min(job.artifacts.size(), max_artifacts)));
   for (const int index : job.totals.warned()) {
     for (const std::string& warning : *job.tasks[index].warnings) {  // ingest repeats those of the submission
       const Warnings& known = job.header.warnings;

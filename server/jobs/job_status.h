@@ -13,7 +13,7 @@ inline constexpr size_t kMaxShownArtifacts = 1000;
 
 struct JobStatus {
   JobHeader header;                    // with the warnings of the job and its tasks
-  std::vector<NamedDigest> artifacts;  // the first kMaxShownArtifacts
+  std::vector<NamedDigest> artifacts;  // the first ones
   int artifacts_total = 0;
   int tasks_total = 0;  // planned so far
   int tasks_done = 0;
@@ -68,8 +68,9 @@ struct ArtifactPage {
   int next = -1;  // index of the first file of the next page; -1: none
 };
 
-// The functions below need the core's mutex. `now_us`: Clock::MonotonicUs.
-JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us);
+// The functions below need the core's mutex. `now_us`: Clock::MonotonicUs. `max_artifacts`: as many are copied.
+JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us,
+                      size_t max_artifacts = kMaxShownArtifacts);
 // What the job does, for people: "solving step 12 of 35, 31 of 40 tiles". Of several stages that run side by side, the
 // first one. Empty if the job has ended or no task of it runs or is ready. Steps have the numbers of the tasks' names.
 std::string StageText(const Ledger& ledger, int job, const LeaseTable& leases);

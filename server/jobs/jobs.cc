@@ -33,9 +33,9 @@ Status CheckSameRequest(const JobRequest& request, const JobHeader& job) {
 
 }  // namespace
 
-JobStatus Jobs::JobStatusLocked(int job) const {
+JobStatus Jobs::JobStatusLocked(int job, size_t max_artifacts) const {
   const int64_t now_us = environment_.clock->MonotonicUs();
-  JobStatus status = StatusOfJob(ledger_.jobs()[job], job, leases_, now_us);
+  JobStatus status = StatusOfJob(ledger_.jobs()[job], job, leases_, now_us, max_artifacts);
   status.stage = StageText(ledger_, job, leases_);
   status.waiting_for = WaitingFor(ledger_, job, leases_, core_.journal().trouble(), planning_.room(), now_us);
   // A failed attempt loses its progress, but the displayed progress must not decrease.

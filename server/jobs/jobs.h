@@ -39,10 +39,10 @@ class Jobs {
   // None if no job has the id.
   StatusOr<std::optional<JobStatus>> FindRequest(const JobRequest& request) const;
   StatusOr<JobStatus> GetJob(const std::string& name) const;
-  // At most `count` jobs below index `before` (-1: all), newest first. Does not wait for durability: shows an end only
-  // when it is durable.
+  // At most `count` jobs below index `before` (-1: all), newest first, without their artifacts. Does not wait for
+  // durability: shows an end only when it is durable.
   std::vector<JobStatus> ListJobs(int before, int count) const;
-  // The job as in ListJobs, with at most `max_running` of its running tasks.
+  // The job as in ListJobs, with its artifacts and at most `max_running` of its running tasks.
   StatusOr<WatchedJob> WatchJob(const std::string& job, size_t max_running) const;
 
   StatusOr<JobStatus> CancelJob(const std::string& name);
@@ -57,8 +57,10 @@ class Jobs {
 
   // Tasks [first, first + count) in the order of the plan.
   StatusOr<std::vector<TaskStatus>> ListTasks(const std::string& job, int first, int count) const;
-  // At most `count` attempts from attempt `number` of task `first`. A page may be short or empty if tasks have none.
-  StatusOr<AttemptPage> ListAttempts(const std::string& job, int first, int number, int count) const;
+  // At most `count` attempts from attempt `number` of task `first`. With `tile`, only those of its tasks.
+  // A page may be short or empty if tasks have none.
+  StatusOr<AttemptPage> ListAttempts(const std::string& job, int first, int number, int count,
+                                     std::optional<int> tile = std::nullopt) const;
   // At most `count` published files whose names start with `prefix`, in the order of publication from index `first`. A
   // page may be short or empty although another one follows.
   StatusOr<ArtifactPage> ListArtifacts(const std::string& job, const std::string& prefix, int first, int count) const;
@@ -76,9 +78,9 @@ class Jobs {
   // Functions named ...Locked need the core's mutex.
   StatusOr<std::optional<JobStatus>> FindRequestLocked(const JobRequest& request) const;
   Status MayCreateJobLocked(const std::string& client) const;
-  JobStatus JobStatusLocked(int job) const;
+  JobStatus JobStatusLocked(int job, size_t max_artifacts = kMaxShownArtifacts) const;
   // The same, without an end that is not durable yet.
-  JobStatus StoredStatusLocked(int job) const;
+  JobStatus StoredStatusLocked(int job, size_t max_artifacts = kMaxShownArtifacts) const;
 
   DispatchCore& core_;
   PlanningLoop& planning_;

@@ -1,5 +1,7 @@
 // Queries of jobs, tasks and attempts.
 #include <algorithm>
+#include <iterator>
+#include <tuple>
 
 #include "common/base/version.h"
 #include "server/jobs/jobs.h"
@@ -28,10 +30,21 @@ bool MadeSurvey(const Job& job, const Digest& digest) {
   return false;
 }
 
+// Of the present and of earlier plans, from index `first`, ascending.
+std::vector<int> TasksOfTile(const Job& job, int tile, int first) {
+  std::vector<int> tasks;
+  const auto found = job.totals.tiles().find(tile);
+  if (found == job.totals.tiles().end()) return tasks;
+  const auto& [now, before] = std::tie(found->second.tasks, found->second.superseded);
+  std::merge(std::lower_bound(now.begin(), now.end(), first), now.end(),
+             std::lower_bound(before.begin(), before.end(), first), before.end(), std::back_inserter(tasks));
+  return tasks;
+}
+
 }  // namespace
 
-JobStatus Jobs::StoredStatusLocked(int job) const {
-  JobStatus status = JobStatusLocked(job);
+JobStatus Jobs::StoredStatusLocked(int job, size_t max_artifacts) const {
+  JobStatus status = JobStatusLocked(job, max_artifacts);
   if (!core_.EndIsStored(job)) TakeEndFrom(status);
   return status;
 }
@@ -54,7 +67,7 @@ std::vector<JobStatus> Jobs::ListJobs(int before, int count) const {
   int index = before < 0 || before > size ? size : before;
   while (--index >= 0 && static_cast<int>(jobs.size()) < count) {
     if (ledger_.jobs()[index].deleted) continue;
-    jobs.push_back(StoredStatusLocked(index));
+    jobs.push_back(StoredStatusLocked(index, 0));
   }
   return jobs;
 }
@@ -92,23 +105,40 @@ StatusOr<std::vector<TaskStatus>> Jobs::RunningTasks(const std::string& name) co
   return tasks;
 }
 
-StatusOr<AttemptPage> Jobs::ListAttempts(const std::string& name, int first, int number, int count) const {
+StatusOr<AttemptPage> Jobs::ListAttempts(const std::string& name, int first, int number, int count,
+                                         std::optional<int> tile) const {
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(name));
-  const std::deque<JobTask>& tasks = ledger_.jobs()[index].tasks;
-  const int end = static_cast<int>(tasks.size());
+  const Job& job = ledger_.jobs()[index];
+  first = std::max(0, first);
   AttemptPage page;
-  int task = std::max(0, first), next = std::max(1, number);
-  for (const int limit = std::min<int64_t>(end, int64_t{task} + kMaxTasksSeen); task < limit; ++task, next = 1) {
-    for (; next <= tasks[task].attempt(); ++next) {
+  int next = std::max(1, number);
+  // Adds the task's attempts from `next`; false if the page is full.
+  const auto add = [&](int task) {
+    for (; next <= job.tasks[task].attempt(); ++next) {
       if (static_cast<int>(page.attempts.size()) == count) {
         page.next_task = task;
         page.next_number = next;
-        return page;
+        return false;
       }
-      const PlannedTask& plan = tasks[task].plan;
-      page.attempts.push_back({{index, task}, next, plan.kind, plan.name, plan.tile, tasks[task].attempts[next - 1]});
+      const PlannedTask& plan = job.tasks[task].plan;
+      page.attempts.push_back({{index, task}, next, plan.kind, plan.name, plan.tile, job.tasks[task].attempts[next - 1]});
     }
+    next = 1;
+    return true;
+  };
+  if (tile) {
+    for (const int task : TasksOfTile(job, *tile, first)) {
+      if (task > first) next = 1;  // `number` is of task `first`
+      if (!add(task)) return page;
+    }
+    return page;
+  }
+  const int end = static_cast<int>(job.tasks.size());
+  const auto limit = static_cast<int>(std::min<int64_t>(end, int64_t{first} + kMaxTasksSeen));
+  int task = first;
+  for (; task < limit; ++task) {
+    if (!add(task)) return page;
   }
   if (task < end) page.next_task = task;
   return page;

@@ -133,6 +133,11 @@ void JobTotals::AddAttempt(int tile, int attempts, int failed) {
   of_tile->second.failed_attempts += failed;
 }
 
+void JobTotals::AddSuperseded(int index, int tile) {
+  const auto of_tile = tiles_.find(tile);
+  if (of_tile != tiles_.end()) of_tile->second.superseded.push_back(index);
+}
+
 StageCount JobTotals::StageOf(const JobTask& task) const {
   const auto found = stages_.find(StageKey(task));
   return found == stages_.end() ? StageCount() : found->second;

@@ -177,6 +177,7 @@ struct JobSums {
 // Sums over the tasks of a tile, so that tiles are listed without visiting all their tasks.
 struct TileTotals {
   std::vector<int> tasks;  // indices in the job's list, ascending; without superseded and given ones
+  std::vector<int> superseded;                               // those with attempts, ascending
   int unfinished = 0;      // of `tasks`; a quarantined tile has one more
   int reused = 0;
   int attempts = 0, failed_attempts = 0;                     // also of superseded tasks
@@ -221,6 +222,8 @@ class JobTotals {
   void AddLost(int index, const JobTask& task);
   // An attempt of a task of this tile has started or failed. No effect for tiles without tasks.
   void AddAttempt(int tile, int attempts, int failed);
+  // A task with attempts was superseded. No effect for tiles without tasks.
+  void AddSuperseded(int index, int tile);
   const JobSums& sums() const { return sums_; }
   const std::map<int, TileTotals>& tiles() const { return tiles_; }
   // Of the tasks with the same depth and kind as this one.

@@ -39,11 +39,14 @@ void Ledger::Recount(Job& job) {
     job.totals.AddPlanned(i, task);
     if (task.state == TaskState::kSucceeded && task.plan.given->empty()) job.totals.AddSucceeded(i, task);
   }
-  for (const JobTask& task : job.tasks) {
+  for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {
+    const JobTask& task = job.tasks[i];
     const auto failed = std::count_if(task.attempts.begin(), task.attempts.end(), [](const Attempt& attempt) {
       return attempt.lease_expired || attempt.failure->error_class != ErrorClass::kNone;
     });
-    if (task.attempt() > 0) job.totals.AddAttempt(task.plan.tile, task.attempt(), static_cast<int>(failed));
+    if (task.attempt() == 0) continue;
+    job.totals.AddAttempt(task.plan.tile, task.attempt(), static_cast<int>(failed));
+    if (task.superseded) job.totals.AddSuperseded(i, task.plan.tile);
   }
 }
 

@@ -47,6 +47,15 @@ const StoredFile* FindSurvey(const Job& job, int cut) {
   return nullptr;
 }
 
+// Centre and optical axis.
+std::pair<Eigen::Vector3d, Eigen::Vector3d> PoseInTiles(const StatusOr<PointLocator>& locator, const PosedCamera& camera) {
+  const std::pair<Eigen::Vector3d, Eigen::Vector3d> unknown = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+  if (!locator.ok()) return unknown;
+  const Eigen::Vector3d axis = camera.rotation_cam_from_world.row(2).transpose();
+  const auto centre = locator->TilesFromLocal(camera.Centre()), ahead = locator->TilesFromLocal(camera.Centre() + axis);
+  return centre.ok() && ahead.ok() ? std::pair(*centre, Eigen::Vector3d((*ahead - *centre).normalized())) : unknown;
+}
+
 StatusOr<std::vector<CellRect>> CoresIn(const std::string& kind, const std::string& parameters) {
   if (kind == kCutKind) {
     TESSERA_ASSIGN_OR_RETURN(CutParameters cut, ParseCutParameters(parameters));
@@ -82,7 +91,7 @@ std::shared_ptr<JobMaps::Entry> JobMaps::EntryOf(const Source& source) {
   return entries_.front();
 }
 
-StatusOr<std::shared_ptr<const GroundMap>> JobMaps::Make(const Source& source) const {
+StatusOr<std::shared_ptr<const JobMap>> JobMaps::Make(const Source& source) const {
   std::string kind, parameters;
   if (source.tiles_from >= 0) {
     std::lock_guard lock(core_.mutex());
@@ -99,17 +108,21 @@ StatusOr<std::shared_ptr<const GroundMap>> JobMaps::Make(const Source& source) c
   if (source.tiles_from >= 0) {
     TESSERA_ASSIGN_OR_RETURN(cores, CoresIn(kind, parameters));
   }
-  return std::make_shared<const GroundMap>(MakeGroundMap(survey, cores));
+  auto map = std::make_shared<JobMap>();
+  map->ground = MakeGroundMap(survey, cores);
+  map->locator = PointLocator::Open(survey);  // the map is of use without it
+  for (const SceneView& view : survey.views) map->views_in_tiles.push_back(PoseInTiles(map->locator, view.camera));
+  return std::shared_ptr<const JobMap>(std::move(map));
 }
 
-StatusOr<std::shared_ptr<const GroundMap>> JobMaps::Of(const std::string& name) {
+StatusOr<std::shared_ptr<const JobMap>> JobMaps::Of(const std::string& name) {
   std::optional<Source> source;
   {
     std::lock_guard lock(core_.mutex());
     TESSERA_ASSIGN_OR_RETURN(const int job, core_.ledger().FindJob(name));
     source = FindSource(core_.ledger().jobs()[job], job);
   }
-  if (!source) return std::shared_ptr<const GroundMap>();
+  if (!source) return std::shared_ptr<const JobMap>();
   const std::shared_ptr<Entry> entry = EntryOf(*source);
   std::lock_guard lock(entry->making);
   if (entry->map == nullptr) {

@@ -24,8 +24,9 @@ double ConfidenceIn(const std::string& stats) {
 }  // namespace
 
 StatusOr<TilePage> Tiles::ListTiles(const std::string& name, int first, int count) {
-  const StatusOr<std::shared_ptr<const GroundMap>> read = maps_.Of(name);
-  const std::shared_ptr<const GroundMap> map = read.ok() ? *read : nullptr;  // an unreadable survey hides the places
+  const StatusOr<std::shared_ptr<const JobMap>> read = maps_.Of(name);
+  // An unreadable survey hides the places.
+  const GroundMap* const map = read.ok() && *read != nullptr ? &(*read)->ground : nullptr;
   const int on_map = map == nullptr ? 0 : static_cast<int>(map->tiles.size());
   TilePage page;
   bool ended = false, more = true;
@@ -66,14 +67,36 @@ StatusOr<TilePage> Tiles::ListTiles(const std::string& name, int first, int coun
 }
 
 StatusOr<ViewPage> Tiles::ListViews(const std::string& name, int first, int count) {
-  TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const GroundMap> map, maps_.Of(name));
+  TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const JobMap> map, maps_.Of(name));
   ViewPage page;
   if (map == nullptr) return page;
-  const int size = static_cast<int>(map->views.size()), begin = std::clamp(first, 0, size),
+  const int size = static_cast<int>(map->ground.views.size()), begin = std::clamp(first, 0, size),
             end = std::min<int64_t>(size, int64_t{begin} + count);
-  page.views.assign(map->views.begin() + begin, map->views.begin() + end);
+  for (int i = begin; i < end; ++i) {
+    const auto& [centre, axis] = map->views_in_tiles[i];
+    page.views.push_back({map->ground.views[i], centre, axis});
+  }
   if (end < size) page.next = end;
   return page;
+}
+
+StatusOr<PointOnMap> Tiles::LocatePoint(const std::string& name, const Eigen::Vector3d& p_in_tiles) {
+  TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const JobMap> map, maps_.Of(name));
+  if (map == nullptr) return absl::NotFoundError(name + " has no survey yet");
+  TESSERA_RETURN_IF_ERROR(map->locator.status());
+  PointOnMap found;
+  TESSERA_ASSIGN_OR_RETURN(found.point, map->locator->Locate(p_in_tiles));
+  found.on_ground = map->locator->OnGround(found.point);
+  const double x = found.on_ground.x(), y = found.on_ground.y();
+  const auto owns = [&](const MapTile& tile) {
+    return std::any_of(tile.core.begin(), tile.core.end(), [&](const GroundRect& rect) {
+      return x >= rect.x0_m && x < rect.x1_m && y >= rect.y0_m && y < rect.y1_m;
+    });
+  };
+  const std::vector<MapTile>& tiles = map->ground.tiles;
+  const auto owner = std::find_if(tiles.begin(), tiles.end(), owns);
+  if (owner != tiles.end()) found.tile = static_cast<int>(owner - tiles.begin());
+  return found;
 }
 
 }  // namespace tessera

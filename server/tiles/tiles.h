@@ -24,8 +24,19 @@ struct TilePage {
   int next = -1;                  // number of the first tile of the next page; -1: none
 };
 
+struct ListedView {
+  MapView view;
+  Eigen::Vector3d in_tiles, axis_in_tiles;  // centre and optical axis in the frame of the 3D tiles; axis 0: not known
+};
+
+struct PointOnMap {
+  LocatedPoint point;
+  Eigen::Vector2d on_ground;  // GroundPlane::Coordinates
+  int tile = -1;              // that owns the ground there; -1: none
+};
+
 struct ViewPage {
-  std::vector<MapView> views;
+  std::vector<ListedView> views;
   int next = -1;  // index of the first view of the next page; -1: none
 };
 
@@ -41,6 +52,9 @@ class Tiles {
   // At most `count` images from index `first` of the survey. None before there is a survey; NOT_FOUND if it is no
   // longer stored.
   StatusOr<ViewPage> ListViews(const std::string& job, int first, int count);
+  // Where a point of the 3D tiles is. NOT_FOUND before there is a survey, or if it is no longer stored; errors of
+  // PointLocator.
+  StatusOr<PointOnMap> LocatePoint(const std::string& job, const Eigen::Vector3d& p_in_tiles);
 
  private:
   DispatchCore& core_;

@@ -37,6 +37,7 @@ const std::map<std::string, std::set<std::string>> kMayCall = {
     {"/tessera.v1.Jobs/ListAttempts", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Jobs/ListTiles", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Jobs/ListViews", {"viewer", "submitter", "admin"}},
+    {"/tessera.v1.Jobs/LocatePoint", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Jobs/ListArtifacts", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Jobs/ListSettings", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Jobs/QuoteJob", {"submitter", "admin"}},

@@ -48,6 +48,10 @@ TEST_F(DescribeJobsTest, AJobHasItsFirstThousandFilesAndPagesHaveAll) {
   EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED);
   EXPECT_EQ(job.artifacts_size(), 1000);
   EXPECT_EQ(job.artifacts_total(), 2347);  // with mesh.ply and job.json
+  v1::ListJobsResponse list;
+  ASSERT_TRUE(Ask(&v1::Jobs::Stub::ListJobs, {}, &list).ok());
+  EXPECT_EQ(list.jobs(0).artifacts_size(), 0);  // a list is short
+  EXPECT_EQ(list.jobs(0).artifacts_total(), 2347);
   std::set<std::string> names;
   v1::ListArtifactsRequest request;
   request.set_parent(name);

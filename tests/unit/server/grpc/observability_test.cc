@@ -225,7 +225,7 @@ TEST_F(ObservabilityTest, ReadingCallsAreNotAudited) {
   const std::set<std::string> others = {"GetJob",    "ListJobs",      "WatchJob",     "ListTasks",   "ListAttempts",
                                         "LeaseTask", "Heartbeat",     "ReportTask",   "ListWorkers", "StatBlobs",
                                         "ReadBlob",  "QueryWrite",    "GetTransfers", "GetDemand",   "ListTiles",
-                                        "ListViews", "ListArtifacts", "ListSettings", "QuoteJob"};
+                                        "ListViews", "ListArtifacts", "ListSettings", "QuoteJob",    "LocatePoint"};
   for (const std::string& method : AllMethods()) {
     EXPECT_NE(IsAudited(method), others.contains(method.substr(method.rfind('/') + 1))) << method;
   }

@@ -34,6 +34,7 @@ const std::map<std::string, Row> kRows = {
     {"GET /api/v1/jobs/{job}/attempts", {kReaders}},
     {"GET /api/v1/jobs/{job}/tiles", {kReaders}},
     {"GET /api/v1/jobs/{job}/views", {kReaders}},
+    {"GET /api/v1/jobs/{job}:locate", {kReaders}},
     {"GET /api/v1/jobs/{job}/artifacts", {kReaders}},
     {"GET /api/v1/workers", {kReaders}},
     {"GET /api/v1/settings", {kReaders}},

@@ -119,6 +119,41 @@ TEST_F(TileQuarantineTest, TileWithFailedCutHasNoSteps) {
   EXPECT_TRUE(runs.contains("solve tile 1 step 2"));
 }
 
+// Also those of the tasks that the new plan replaced.
+TEST_F(TileQuarantineTest, AttemptsOfATileAreListed) {
+  const std::string job = Create(AJob(4));
+  WorkAll({"solve tile 1 step 1"});
+  const auto all = coordinator_->jobs().ListAttempts(job, 0, 1, 1000);
+  ASSERT_TRUE(all.ok());
+  std::vector<std::pair<std::string, int>> expected;
+  for (const AttemptStatus& each : all->attempts) {
+    if (each.tile == 1) expected.emplace_back(TaskName(each.task), each.number);
+  }
+  const auto failed = [](const AttemptStatus& each) {
+    return each.title == "solve tile 1 step 1" && OutcomeOf(each.attempt) == AttemptOutcome::kFailed;
+  };
+  for (const int page_size : {1, 2, 1000}) {
+    std::vector<std::pair<std::string, int>> seen;
+    int task = 0, number = 1, failures = 0;
+    while (task >= 0) {
+      const auto page = coordinator_->jobs().ListAttempts(job, task, number, page_size, 1);
+      ASSERT_TRUE(page.ok());
+      for (const AttemptStatus& each : page->attempts) {
+        seen.emplace_back(TaskName(each.task), each.number);
+        failures += failed(each);
+      }
+      task = page->next_task;
+      number = page->next_number;
+    }
+    EXPECT_EQ(seen, expected) << page_size;
+    EXPECT_GT(failures, 0);
+  }
+  EXPECT_TRUE(coordinator_->jobs().ListAttempts(job, 0, 1, 1000, 77)->attempts.empty());
+  EXPECT_TRUE(coordinator_->jobs().ListAttempts(job, 0, 1, 1000, -1)->attempts.empty());
+  Open();
+  EXPECT_EQ(coordinator_->jobs().ListAttempts(job, 0, 1, 1000, 1)->attempts.size(), expected.size());
+}
+
 TEST_F(TileQuarantineTest, AttemptsOfTheOldPlanAreStopped) {
   const std::string job = Create(AJob(3)), worker = Worker(), other = Worker();
   std::optional<GrantedLease> bad, beside;

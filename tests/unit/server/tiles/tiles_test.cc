@@ -103,8 +103,8 @@ TEST_F(TilesTest, PlacesAreThoseOfTheSurvey) {
   const auto views = tiles_->ListViews(job, 0, 1000);
   ASSERT_TRUE(views.ok());
   ASSERT_THAT(views->views, SizeIs(6));
-  EXPECT_EQ(views->views[2].image, "images/2.jpg");
-  EXPECT_NEAR(views->views[2].direction.norm(), 1, 1e-12);
+  EXPECT_EQ(views->views[2].view.image, "images/2.jpg");
+  EXPECT_NEAR(views->views[2].view.direction.norm(), 1, 1e-12);
 }
 
 TEST_F(TilesTest, RunningWaitingReadyAndDoneTilesDiffer) {
@@ -244,10 +244,32 @@ TEST_F(TilesTest, PagesHoldEachTileOnce) {
   for (int next = 0; next >= 0;) {
     const auto page = tiles_->ListViews(job, next, 4);
     ASSERT_TRUE(page.ok());
-    for (const MapView& view : page->views) images.push_back(view.image);
+    for (const ListedView& view : page->views) images.push_back(view.view.image);
     next = page->next;
   }
   EXPECT_EQ(images.size(), survey_.views.size());
+}
+
+TEST_F(TilesTest, APointIsOnTheTileThatOwnsItsGround) {
+  const std::string job = CreateOnMap(3);
+  EXPECT_EQ(tiles_->LocatePoint(job, {0, 0, 0}).status().code(), absl::StatusCode::kNotFound);  // no survey yet
+  survey_.origin_in_scene = {100, 200, 300};
+  ASSERT_TRUE(WorkUntil(Worker(), "cut tile 0"));
+  for (const ListedTile& tile : List(job)) {
+    const GroundRect& core = tile.place.core.at(0);
+    const auto found = tiles_->LocatePoint(job, {core.x0_m + 1, core.y1_m - 1, 7});
+    ASSERT_TRUE(found.ok()) << found.status();
+    EXPECT_EQ(found->tile, tile.status.tile);
+    EXPECT_EQ(found->point.in_scene, Eigen::Vector3d(core.x0_m + 101, core.y1_m + 199, 307));
+    EXPECT_EQ(found->on_ground, Eigen::Vector2d(core.x0_m + 1, core.y1_m - 1));
+    EXPECT_FALSE(found->point.geodetic);
+  }
+  EXPECT_EQ(tiles_->LocatePoint(job, {1e6, 0, 0})->tile, -1);
+  EXPECT_EQ(tiles_->LocatePoint("jobs/9", {0, 0, 0}).status().code(), absl::StatusCode::kNotFound);
+  // Without a place on the globe, cameras keep their coordinates but for the origin.
+  const ListedView view = tiles_->ListViews(job, 2, 1)->views.at(0);
+  EXPECT_LT((view.in_tiles + survey_.origin_in_scene - view.view.centre).norm(), 1e-9);
+  EXPECT_LT((view.axis_in_tiles - view.view.direction).norm(), 1e-9);
 }
 
 TEST_F(TilesTest, WithoutItsSurveyAJobStillHasStates) {
