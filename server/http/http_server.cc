@@ -60,6 +60,7 @@ StatusOr<std::unique_ptr<HttpServer>> HttpServer::Start(const HttpOptions& optio
   environment.tls = impl->tls != nullptr;
   environment.insecure = options.insecure;
   environment.before_reply = options.before_reply;
+  environment.counts = options.counts;
   impl->handler = std::make_unique<SiteHandler>(environment, options.limits.idle_s);
   TESSERA_ASSIGN_OR_RETURN(impl->connections,
                            Connections::Listen(options.address, impl->tls.get(), impl->handler.get(), options.limits));

@@ -7,6 +7,7 @@
 
 #include "common/base/status.h"
 #include "server/grpc/coordinator_server.h"
+#include "server/metrics/http_counts.h"
 #include "server/web/connections.h"
 
 namespace tessera {
@@ -17,6 +18,7 @@ struct HttpOptions {
   std::string version;                      // of the program
   std::function<void()> before_reply = {};  // as ServerEnvironment
   ConnectionLimits limits;
+  HttpCounts* counts = nullptr;  // by HttpRouteNames(); null: none
 };
 
 // Serves HTTPS if the gRPC server has a certificate, which both renew together, else HTTP. Every request has the rights

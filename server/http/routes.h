@@ -44,4 +44,9 @@ struct RouteMatch {
 // `path`: decoded, without the query.
 RouteMatch FindRoute(std::string_view method, std::string_view path);
 
+// For HttpCounts, in the order of Routes(): "GET /api/v1/jobs/{job}".
+std::vector<std::string> HttpRouteNames();
+// The index in it of a request; the number of routes if it has none.
+size_t RouteIndex(std::string_view method, std::string_view raw_path);
+
 }  // namespace tessera

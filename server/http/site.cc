@@ -106,6 +106,10 @@ std::optional<WebAnswer> Site::Finished(const WebRequest& request, std::optional
   if (!answer) return answer;
   AddHeaders(request, &*answer);
   if (environment_.before_reply) environment_.before_reply();
+  if (environment_.counts != nullptr) {
+    const double seconds = std::chrono::duration<double>(Steady::now() - request.arrived).count();
+    environment_.counts->Count(RouteIndex(request.method, request.RawPath()), answer->status, seconds);
+  }
   return answer;
 }
 
@@ -117,6 +121,7 @@ WebAnswer Site::Refusal(int status) const {
     for (auto& [name, value] : answer.headers) value = name == "Retry-After" ? "5" : value;
   }
   AddHeaders({}, &answer);
+  if (environment_.counts != nullptr) environment_.counts->Count(Routes().size(), status, 0);
   return answer;
 }
 

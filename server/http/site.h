@@ -12,6 +12,7 @@
 #include "server/http/routes.h"
 #include "server/http/shared_answers.h"
 #include "server/http/visitors.h"
+#include "server/metrics/http_counts.h"
 #include "server/web/request_frame.h"
 #include "server/web/web_message.h"
 
@@ -24,6 +25,7 @@ struct SiteEnvironment {
   bool tls = false;
   bool insecure = false;                    // as ListenOptions
   std::function<void()> before_reply = {};  // as ServerEnvironment
+  HttpCounts* counts = nullptr;             // by HttpRouteNames(); null: none
 };
 
 // Thread-safe.

@@ -220,6 +220,22 @@ void AddRpcs(const RpcCounts& rpcs, FamilyList& list) {
   }
 }
 
+void AddHttp(const HttpCounts& http, FamilyList& list) {
+  list.Counter("http_requests_total", "Requests to the page's HTTP server answered, by route and class of status");
+  for (const auto& route : http.routes()) {
+    for (int i = 0; i < HttpCounts::kClasses; ++i) {
+      const int64_t requests = route->classes[i];
+      const std::string status = std::to_string(i + 1) + "xx";
+      if (status == "2xx" || requests > 0) list.Add(requests, {{"route", route->name}, {"status", status}});
+    }
+  }
+  list.Buckets("http_request_seconds", "Time from a whole request to its answer, without sending it");
+  for (const auto& route : http.routes()) {
+    const std::vector<int64_t> counts(route->buckets.begin(), route->buckets.end());
+    list.Add(HttpCounts::kBounds_s, counts, route->seconds, {{"route", route->name}});
+  }
+}
+
 }  // namespace
 
 std::vector<MetricFamily> Families(const MetricSources& sources) {
@@ -236,6 +252,7 @@ std::vector<MetricFamily> Families(const MetricSources& sources) {
   AddStorage(sources, now, list);
   AddStore(sources.store ? sources.store() : std::map<std::string, S3Counts>(), list);
   if (sources.rpcs != nullptr) AddRpcs(*sources.rpcs, list);
+  if (sources.http != nullptr) AddHttp(*sources.http, list);
   return list.Take();
 }
 

@@ -11,6 +11,7 @@
 #include "common/base/status.h"
 #include "common/s3/s3_client.h"
 #include "server/metrics/dispatch_snapshot.h"
+#include "server/metrics/http_counts.h"
 #include "server/metrics/rpc_counts.h"
 
 namespace tessera {
@@ -21,6 +22,7 @@ struct MetricSources {
   std::function<std::optional<int64_t>()> free_bytes;  // of the disk that holds the results
   const RpcCounts* rpcs = nullptr;
   std::function<std::map<std::string, S3Counts>()> store = {};  // requests to the S3 store by method; empty: none
+  const HttpCounts* http = nullptr;                             // null: no page is served
 };
 
 // Serves all metrics in Prometheus' text format at http://ADDRESS/metrics, without authentication.

@@ -15,6 +15,7 @@
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
 #include "server/http/http_server.h"
+#include "server/http/routes.h"
 #include "server/jobs/coordinator.h"
 #include "server/metrics/metrics_server.h"
 #include "server/retention/retention_loop.h"
@@ -192,13 +193,15 @@ Status ServeState(const ServeOptions& options, const Places& places, const Share
     TESSERA_RETURN_IF_ERROR(ShareFolder(opened.folder, environment));
   }
   TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(places.listen, environment));
+  HttpCounts http_counts(HttpRouteNames());
   const ServingMetrics serving(metrics,
                                {[&] { return SnapshotOf(coordinator->core()); }, [&] { return blobs->FreeSpace(); },
-                                &server->rpc_counts(), CountsOf(opened, scenes)});
+                                &server->rpc_counts(), CountsOf(opened, scenes),
+                                places.listen.http.empty() ? nullptr : &http_counts});
   std::unique_ptr<HttpServer> http;
   if (!places.listen.http.empty()) {
     const HttpOptions page = {
-        places.listen.http, places.listen.insecure, options.version, environment.before_reply, {}};
+        places.listen.http, places.listen.insecure, options.version, environment.before_reply, {}, &http_counts};
     TESSERA_ASSIGN_OR_RETURN(http, HttpServer::Start(page, server.get()));
   }
   if (!options.port_file.empty()) {

@@ -357,6 +357,7 @@ struct Connections::Impl {
     connection.continued = false;
     request->peer = connection.peer;
     request->tls = tls != nullptr;
+    request->arrived = Steady::now();
     request->frame = std::move(frame);
     if (at_once && AnswerAtOnce(connection, *request)) {
       Flush(connection);

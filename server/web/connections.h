@@ -1,6 +1,7 @@
 // The HTTP server's connections: one thread receives requests without blocking, threads in lanes answer them.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <memory>
 #include <optional>
@@ -37,6 +38,7 @@ struct ReceivedRequest {
   std::string body;
   std::string peer;  // as gRPC writes it: ipv4:127.0.0.1:5000
   bool tls = false;
+  std::chrono::steady_clock::time_point arrived;  // whole
 };
 
 // Where the bytes of one answer go.

@@ -78,6 +78,7 @@ class Exchange final : public httplib::Stream {
     request.body = std::move(request_.body);
     request.peer = request_.peer;
     request.tls = request_.tls;
+    request.arrived = request_.arrived;
     std::optional<WebAnswer> answer = answerer_(request);
     if (answer) return Fill(*std::move(answer), response);
     skipped_ = true;

@@ -1,6 +1,7 @@
 // Requests and answers of HTTP as the handlers see them, independent of connections.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -23,6 +24,7 @@ struct WebRequest {
   std::string body;
   std::string peer;  // as gRPC writes it: ipv4:127.0.0.1:5000
   bool tls = false;
+  std::chrono::steady_clock::time_point arrived;  // whole
 
   // The only value of a header, whose name is not case-sensitive; nullopt if it is missing or repeated.
   std::optional<std::string> Header(std::string_view name) const;

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "server/http/routes.h"
 #include "server/http/sessions.h"
 #include "tests/unit/server/http/http_fixture.h"
 
@@ -160,6 +161,37 @@ TEST_F(HttpTest, CallsAreThoseOfTheServicesWithTheirAuditAndLimits) {
   EXPECT_EQ(json::parse(paused.body)["paused"], true);
   EXPECT_EQ(json::parse(Ask("POST", "/api/v1/jobs/1:cancel", Session("submitter"), "").body)["state"],
             "JOB_STATE_CANCELLED");
+}
+
+TEST_F(HttpTest, RequestsAreCountedByRoute) {
+  HttpCounts counts(HttpRouteNames());
+  options_http_.counts = &counts;
+  StartHttp();
+  const auto count = [&](const std::string& route, int status_class) {
+    for (const auto& each : counts.routes()) {
+      if (each->name == route) return each->classes[static_cast<size_t>(status_class - 1)].load();
+    }
+    return int64_t{-1};
+  };
+  const SentHeaders viewer = Session("viewer");
+  const HttpReply list = Ask("GET", "/api/v1/jobs", viewer);
+  ASSERT_EQ(list.status, 200);
+  EXPECT_EQ(Ask("HEAD", "/api/v1/jobs", viewer).status, 200);
+  SentHeaders seen = viewer;
+  seen.emplace_back("If-None-Match", list.Header("etag"));
+  EXPECT_EQ(Ask("GET", "/api/v1/jobs", seen).status, 304);
+  EXPECT_EQ(Ask("GET", "/api/v1/jobs/77", viewer).status, 404);
+  EXPECT_EQ(Ask("GET", "/api/v1/jobs/77", {}).status, 401);
+  EXPECT_EQ(Ask("GET", "/<script>", viewer).status, 404);
+  HttpConnection wrong(Address());
+  wrong.Send("GARBAGE\r\n\r\n");
+  EXPECT_EQ(wrong.Answer().status, 400);
+  EXPECT_EQ(count("GET /api/v1/jobs", 2), 2);
+  EXPECT_EQ(count("GET /api/v1/jobs", 3), 1);
+  EXPECT_EQ(count("GET /api/v1/jobs/{job}", 4), 2);
+  EXPECT_EQ(count("POST /api/v1/session", 2), 1);
+  EXPECT_EQ(count("other", 4), 2);
+  http_.reset();  // before the counts
 }
 
 // The next event of a stream; empty at its end.

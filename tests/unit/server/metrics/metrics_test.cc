@@ -161,6 +161,24 @@ TEST_F(MetricsTest, MetricsCountCallsByMethodAndCode) {
   EXPECT_EQ(Value("tessera_blob_bytes_total{direction=\"written\"}"), 7);
 }
 
+TEST_F(MetricsTest, MetricsCountRequestsByRouteAndClassOfStatus) {
+  EXPECT_TRUE(std::isnan(Value("tessera_http_requests_total{route=\"GET /a/{job}\",status=\"2xx\"}")));  // no page
+  HttpCounts counts({"GET /a/{job}", "POST /b"});
+  sources_.http = &counts;
+  counts.Count(0, 200, 0.002);
+  counts.Count(0, 304, 0.2);
+  counts.Count(2, 404, 100);
+  counts.Count(77, 9999, 0);
+  EXPECT_EQ(Value("tessera_http_requests_total{route=\"GET /a/{job}\",status=\"2xx\"}"), 1);
+  EXPECT_EQ(Value("tessera_http_requests_total{route=\"GET /a/{job}\",status=\"3xx\"}"), 1);
+  EXPECT_EQ(Value("tessera_http_requests_total{route=\"POST /b\",status=\"2xx\"}"), 0);
+  EXPECT_EQ(Value("tessera_http_requests_total{route=\"other\",status=\"4xx\"}"), 1);
+  EXPECT_EQ(Value("tessera_http_requests_total{route=\"other\",status=\"5xx\"}"), 1);
+  EXPECT_EQ(Value("tessera_http_request_seconds_bucket{route=\"GET /a/{job}\",le=\"0.003\"}"), 1);
+  EXPECT_EQ(Value("tessera_http_request_seconds_count{route=\"GET /a/{job}\"}"), 2);
+  sources_.http = nullptr;
+}
+
 // Labels hold no name of a user, worker or scene, and the number of samples does not grow with jobs or workers.
 TEST_F(MetricsTest, MetricLabelsHoldNoUserNames) {
   const auto lines = [&] {
@@ -241,6 +259,8 @@ TEST_F(MetricsTest, AlarmsAreValidForPrometheus) {
   RpcCounts::Count(rpcs_.Of("/tessera.v1.Jobs/CreateJob"), 3, 0.2);
   Create(AJob(2));
   WorkAll(Worker());
+  HttpCounts http({"GET /api/v1/jobs/{job}"});
+  sources_.http = &http;
   std::ofstream(folder_.path() + "/metrics") << Text();
   const auto [metrics_fit, of_metrics] = Shell("promtool check metrics < " + folder_.path() + "/metrics");
   EXPECT_TRUE(metrics_fit) << of_metrics;
