@@ -47,7 +47,8 @@ function makeTiles(failing) {
 function makeViews() {
   return Array.from({ length: 44 }, (_, i) => {
     const x = 100 * (i % 8) + 50, y = 90 * Math.floor(i / 8);
-    return { image: `images/${i === 3 ? kHostile : `dji_${i}`}.jpg`, xM: x, yM: y, zM: 120, directionX: 0, directionY: 0.6, directionZ: -0.8, groundXM: x, groundYM: y, groundDirectionX: 0, groundDirectionY: 0.6 };
+    return { image: `images/${i === 3 ? kHostile : `dji_${i}`}.jpg`, xM: x, yM: y, zM: 120, directionX: 0, directionY: 0.6, directionZ: -0.8, groundXM: x, groundYM: y, groundDirectionX: 0, groundDirectionY: 0.6,
+      tilesXM: x, tilesYM: y, tilesZM: 120, tilesDirectionX: 0, tilesDirectionY: 0.6, tilesDirectionZ: -0.8 };
   });
 }
 
@@ -207,7 +208,15 @@ export class MockCoordinator {
     }
     if (rest === '/tiles') return reply(200, { tiles: name === 'jobs/5' || name === 'jobs/3' ? [] : this.tilesOf(name), nextPageToken: '' });
     if (rest === '/views') return reply(200, { views: makeViews(), nextPageToken: '' });
-    if (rest === '/attempts') return reply(200, { attempts: makeAttempts(), nextPageToken: '' });
+    if (rest === '/attempts') {
+      const tile = url.searchParams.get('tile');
+      return reply(200, { attempts: makeAttempts().filter((each) => tile === null || each.tile === Number(tile)), nextPageToken: '' });
+    }
+    if (rest === ':locate') {
+      const [x, y, z] = ['xM', 'yM', 'zM'].map((each) => Number(url.searchParams.get(each)));
+      return reply(200, { crs: `CH1903+ / LV95 (EPSG:2056) ${kHostile}`, x: 2_600_000 + x, y: 1_200_000 + y, z: 500 + z, sceneXM: x, sceneYM: y, sceneZM: z, onGlobe: true, latitudeDeg: 46.951082 + y / 111_000,
+        longitudeDeg: 7.438637 + x / 76_000, heightM: 550 + z, groundXM: x, groundYM: y, tile: x < 0 || y < 0 || x >= 800 || y >= 500 ? -1 : Math.floor(x / 100) + 8 * Math.floor(y / 100) });
+    }
     if (rest === '/artifacts') return reply(200, { artifacts: job.artifacts, nextPageToken: '' });
     if (rest === ':export') {
       this.jobs.unshift(makeJob(50, { displayName: 'export', state: 'JOB_STATE_RUNNING', progress: 0.5, endTime: undefined, settings: { ...job.settings, update: { base: name, exportOnly: true }, export: { formats: ['3dtiles'] } } }));
@@ -234,8 +243,7 @@ export class MockCoordinator {
 
   report() {
     const rounds = (k) => [0, 1, 2].map((r) => ({ photo_energy_start: 0.42 - 0.05 * r + 0.004 * k, photo_energy_end: 0.36 - 0.045 * r + 0.003 * k }));
-    const frame = this.tiles && existsSync(join(this.tiles, '..', 'report.json')) ? JSON.parse(readFileSync(join(this.tiles, '..', 'report.json'), 'utf8')).frame : null;
-    return { frame, gsd_m: 0.1, tiles: [0, 1, 2, 3, 4, 5].map((tile) => ({ tile, rounds: rounds(tile) })) };
+    return { gsd_m: 0.1, tiles: [0, 1, 2, 3, 4, 5].map((tile) => ({ tile, rounds: rounds(tile) })) };
   }
 
   reportPage() {

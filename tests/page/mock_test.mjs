@@ -239,13 +239,14 @@ test('3D: start and result, classes, colours, a point, a distance, the address',
     assert.notEqual(await look(mode.toLowerCase()), result);
   }
   await page.mouse.click(box.x + 0.5 * box.width, box.y + 0.62 * box.height);
-  await page.waitForSelector('[data-key="hit"]');
+  await page.waitForSelector('[data-key="hit"] dt:has-text("WGS 84")');
   const facts = await page.textContent('[data-key="hit"]');
   assert.match(facts, /Surfaceresult/);
   assert.match(facts, /Class(ground|roof|facade)/);
   assert.match(facts, /Confidence\d+/);
-  assert.match(facts, /UTM 32 north69\d{4}\.\d\d, 533\d{4}\.\d\d/);
-  assert.match(facts, /WGS 8448\.\d+°, 11\.\d+°/);
+  assert.match(facts, /Tiletile \d+/);
+  assert.match(facts, /LV95 \(EPSG:2056\).*2600\d{3}\.\d\d, 1200\d{3}\.\d\d/);
+  assert.match(facts, /WGS 8446\.\d+°, 7\.\d+°/);
   await page.click('button:has-text("Measure")');
   for (const x of [0.45, 0.55]) await page.mouse.click(box.x + x * box.width, box.y + 0.62 * box.height);
   await page.waitForSelector('[data-key="measure"] b');

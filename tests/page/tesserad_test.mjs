@@ -119,11 +119,13 @@ test('the result in 3D, with start and result', async () => {
   const box = await page.locator('.holder canvas').boundingBox();
   await page.fill('.wipe input', '0');
   await page.mouse.click(box.x + 0.5 * box.width, box.y + 0.55 * box.height);
-  await page.waitForSelector('[data-key="hit"]');
+  await page.waitForSelector('[data-key="hit"] dt:has-text("Tile")');
   const facts = await page.textContent('[data-key="hit"]');
   assert.match(facts, /Surfaceresult/);
   assert.match(facts, /Tiletile [0-3]/);
   assert.match(facts, /Displacement\d/);
+  await page.click('button:has-text("find it in mesh.ply")');
+  await page.waitForFunction(() => /Input face\d/.test(document.querySelector('[data-key="hit"]')?.textContent ?? ''));
   await page.selectOption('#camera-tile', '0');
   await page.waitForSelector('text=cameras are drawn');
   await page.waitForTimeout(500);

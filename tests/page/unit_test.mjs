@@ -20,52 +20,50 @@ after(() => rmSync(folder, { recursive: true, force: true }));
 
 const near = (found, expected, tolerance) => assert.ok(Math.abs(found - expected) <= tolerance, `${found} is not ${expected}`);
 
-// Of GeographicLib: latitude, longitude, height, zone, north; easting, northing; ECEF.
-const kPoints = [
-  [48.1, 11.6, 500, 32, true, 693566.08829, 5330684.896675, 4180613.72362, 858156.754168, 4724681.421027],
-  [-33.9, 18.4, 20, 34, false, 259583.22166, 6245888.045441, 5028539.537982, 1672772.462298, -3537256.502807],
-  [60.17, 24.94, 0, 35, true, 385700.421386, 6672126.743134, 2884088.15657, 1341197.254407, 5509922.952983],
-  [69.9, 20.1, 3, 34, true, 465482.390408, 7754976.054282, 2064512.961599, 755504.457906, 5967218.053585],
-  [48.3, 5.7, 10, 31, true, 700228.940823, 5353168.565439, 4229858.168412, 422195.97319, 4739139.634446]];
-
-test('coordinates agree with GeographicLib within a tenth of a millimetre', async () => {
-  const { ecefFromGeodetic, geodeticFromEcef, geodeticFromUtm, utmFromGeodetic } = await load('scene/geodesy');
-  for (const [lat_deg, lon_deg, height_m, zone, north, easting, northing, ...ecef] of kPoints) {
-    const place = { lat_deg, lon_deg, height_m };
-    const utm = utmFromGeodetic(place, zone, north);
-    near(utm[0], easting, 1e-4);
-    near(utm[1], northing, 1e-4);
-    ecefFromGeodetic(place).forEach((x, k) => near(x, ecef[k], 1e-4));
-    for (const back of [geodeticFromEcef(ecef), geodeticFromUtm([easting, northing, height_m], zone, north)]) {
-      near(back.lat_deg, lat_deg, 1e-9);
-      near(back.lon_deg, lon_deg, 1e-9);
-      near(back.height_m, height_m, 1e-4);
+test('a camera sees a whole box, and no camera that is nearer does', async () => {
+  const { fitCorners } = await load('scene/fit');
+  const tans = [0.8, 0.45];
+  for (let k = 0; k < 200; ++k) {
+    // A box of any size, turned about the axis across the view, as a city is seen from the air.
+    const [a, b, c, tilt] = [50 + 7 * k, 20 + 13 * (k % 29), 5 + (k % 11), 0.1 * (k % 15)];
+    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((i) => {
+      const [x, y, z] = [i & 1 ? a : -a, i & 2 ? b : -b, i & 4 ? c : 0];
+      return [x + 500, y * Math.cos(tilt) - z * Math.sin(tilt) - 80, y * Math.sin(tilt) + z * Math.cos(tilt)];
+    });
+    const at = fitCorners(corners, ...tans);
+    // How far out a corner is, as a share of half of the view: 1 is the border.
+    const seen = (from) => corners.map(([x, y, z]) => Math.max(Math.abs(x - from.x) / (tans[0] * (from.distance - z)), Math.abs(y - from.y) / (tans[1] * (from.distance - z))));
+    assert.ok(corners.every(([, , z]) => z < at.distance), 'a corner is behind the camera');
+    near(Math.max(...seen(at)), 1, 1e-9);
+    for (const [dx, dy] of [[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]) {
+      assert.ok(Math.max(...seen({ x: at.x + dx, y: at.y + dy, distance: at.distance - 0.5 })) > 1, 'a nearer camera sees it, too');
     }
   }
 });
 
-test('a scene has its coordinates, its ground and its way back in every system', async () => {
-  const { ecefFromGeodetic, SceneFrame } = await load('scene/geodesy');
-  const identity = [1, 0, 0, 0, 1, 0, 0, 0, 1], at = { lat_deg: 48.1, lon_deg: 11.6, height_m: 0 };
-  const lat = (48.1 * Math.PI) / 180, lon = (11.6 * Math.PI) / 180;
-  const globe = [-Math.sin(lon), Math.cos(lon), 0, 0, -Math.sin(lat) * Math.cos(lon), -Math.sin(lat) * Math.sin(lon), Math.cos(lat), 0,
-    Math.cos(lat) * Math.cos(lon), Math.cos(lat) * Math.sin(lon), Math.sin(lat), 0, ...ecefFromGeodetic(at), 1];
-  const frames = [
-    [null, { crs: { type: 'local' }, origin_in_scene: [1, 2, 3], rotation_local_from_scene: identity, up: [0, 0.6, 0.8] }],
-    [globe, { crs: { type: 'enu', ...at }, origin_in_scene: [0, 0, 0], rotation_local_from_scene: identity, up: [0, 0, 1] }],
-    [globe, { crs: { type: 'utm', zone: 32, north: true }, origin_in_scene: [693248, 5330944, 0], rotation_local_from_scene: identity, up: [0, 0, 1] }],
-    [globe, { crs: { type: 'projected', epsg: 25832, geoid_height_m: 45 }, origin_in_scene: [693248, 5330944, 0], rotation_local_from_scene: identity, up: [0, 0, 1] }],
-    [globe, { crs: { type: 'ecef' }, origin_in_scene: ecefFromGeodetic(at), rotation_local_from_scene: [globe[0], globe[1], globe[2], globe[4], globe[5], globe[6], globe[8], globe[9], globe[10]], up: [0, 0, 1] }]];
-  for (const [transform, frame] of frames) {
-    const map = new SceneFrame(transform, frame), enu = [120, -80, 33];
-    map.enu(map.scene(enu).p).forEach((x, k) => near(x, enu[k], 1e-4));
-    assert.equal(map.onGround(enu).length, 2);
+test('the input face of a point is that of the nearest face of mesh.ply', async () => {
+  const { nearestFace } = await load('scene/input_face');
+  const points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [1, 0, 5], [0, 1, 5]], faces = [[0, 1, 2, 700], [3, 4, 5, 900]];
+  const head = 'ply\nformat binary_little_endian 1.0\nelement vertex 6\nproperty double x\nproperty double y\nproperty double z\nelement face 2\n'
+    + 'property list uchar int vertex_indices\nproperty int label\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nproperty float confidence\nproperty int input_face\nend_header\n';
+  const ply = Buffer.alloc(head.length + 6 * 24 + 2 * 28);
+  ply.write(head, 'latin1');
+  points.forEach((p, i) => p.forEach((x, k) => ply.writeDoubleLE(5e6 + x, head.length + 24 * i + 8 * k)));
+  faces.forEach(([a, b, c, from], i) => {
+    const at = head.length + 6 * 24 + 28 * i;
+    ply.writeUInt8(3, at);
+    [a, b, c].forEach((v, k) => ply.writeInt32LE(v, at + 1 + 4 * k));
+    ply.writeInt32LE(from, at + 24);
+  });
+  const file = ply.buffer.slice(ply.byteOffset, ply.byteOffset + ply.length);
+  for (const [point, face, distance] of [[[0.2, 0.2, 0.5], 700, 0.5], [[0.2, 0.2, 4.9], 900, 0.1], [[3, 0, 0], 700, 2], [[-3, -4, 0], 700, 5], [[1, 1, 0], 700, Math.SQRT1_2], [[0.2, -2, 0], 700, 2]]) {
+    const found = nearestFace(file, point.map((x) => 5e6 + x));
+    assert.equal(found.inputFace, face);
+    near(found.distance_m, distance, 1e-6);
   }
-  const utm = new SceneFrame(globe, frames[2][1]);
-  near(utm.onGround([0, 0, 0])[0], 693566.0883 - 693248, 0.01);
-  near(new SceneFrame(globe, frames[3][1]).scene([0, 0, 0]).p[2], -45, 1e-4);
-  assert.equal(new SceneFrame(globe, { ...frames[3][1], crs: { type: 'projected', epsg: 2056 } }).scene([0, 0, 0]), null);
-  assert.equal(new SceneFrame(globe, null).scene([0, 0, 0]), null);
+  const without = Buffer.from(ply.toString('latin1').replace('int input_face', 'int other_value'), 'latin1');
+  assert.throws(() => nearestFace(without.buffer.slice(without.byteOffset, without.byteOffset + without.length), [0, 0, 0]), /input faces/);
+  assert.throws(() => nearestFace(new ArrayBuffer(10), [0, 0, 0]), /PLY/);
 });
 
 test('figures as text', async () => {

@@ -9,7 +9,7 @@ import { address, currentRoute, type Route } from './router';
 import { jobView } from './views/job';
 import { jobsView } from './views/jobs';
 import { loginView } from './views/login';
-import { resultView } from './views/result';
+import { prepareResult, resultView } from './views/result';
 import { submitView } from './views/submit';
 import type { View } from './views/view';
 import { workersView } from './views/workers';
@@ -96,6 +96,8 @@ function show(moveFocus = false): void {
 }
 
 async function start(): Promise<void> {
+  const { parts } = currentRoute();
+  if (parts[0] === 'jobs' && parts[1] && parts[2] === 'result') prepareResult(`jobs/${parts[1]}`); // beside the log-in
   document.getElementById('page')!.append(h('a', { class: 'skip', href: '#main', onclick: (event: Event) => {
     event.preventDefault();
     main.focus();

@@ -48,6 +48,12 @@ export interface Tile {
 export interface View {
   image: string; xM: number; yM: number; zM: number; directionX: number; directionY: number; directionZ: number;
   groundXM: number; groundYM: number; groundDirectionX: number; groundDirectionY: number;
+  tilesXM: number; tilesYM: number; tilesZM: number;
+  tilesDirectionX: number; tilesDirectionY: number; tilesDirectionZ: number;
+}
+export interface Located {
+  crs: string; x: number; y: number; z: number; sceneXM: number; sceneYM: number; sceneZM: number; onGlobe: boolean;
+  latitudeDeg: number; longitudeDeg: number; heightM: number; groundXM: number; groundYM: number; tile: number;
 }
 
 export interface Worker {

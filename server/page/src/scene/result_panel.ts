@@ -1,17 +1,18 @@
 // The 3D view with its panel: divider, classes, colours, what lies under a click, distances, cameras of a tile.
-import { getAll } from '../api/client';
-import type { Job, Tile, View as Camera } from '../api/types';
+import { get, getAll } from '../api/client';
+import type { Job, Located, Tile, View as Camera } from '../api/types';
 import { notify } from '../base/dialog';
 import { h, renderInto } from '../base/dom';
-import { number, percent, thousands } from '../base/format';
+import { bytes, number, percent, thousands } from '../base/format';
 import { address, currentRoute, replaceQuery } from '../router';
-import { type FrameJson, SceneFrame, type Vec } from './geodesy';
+import type { Vec } from './fit';
+import { meshOf, nearestFace, readMesh } from './input_face';
 import { type ColorMode, cssColor, kColorModes, type SurfaceClass } from './surface_material';
 import type { Attributes } from './tile_set';
 import { type Hit, type TileSetAddress, Viewer } from './viewer';
 
 // Of report.json.
-export interface Report { frame?: FrameJson; gsd_m?: number }
+export interface Report { gsd_m?: number }
 
 export interface ResultFacts {
   job: Job;
@@ -23,6 +24,12 @@ export interface ResultFacts {
 
 const kModeNames: Record<ColorMode, string> = { class: 'Class', file: 'Image', confidence: 'Confidence', displacement: 'Displacement' };
 
+// Angles have more decimals than metres.
+function coordinates({ onGlobe, crs, x, y, z }: Located): string {
+  const degrees = onGlobe && !/^ENU|east-north-up/.test(crs) && Math.abs(x) <= 360 && Math.abs(y) <= 90;
+  return `${x.toFixed(degrees ? 8 : 2)}, ${y.toFixed(degrees ? 8 : 2)}, ${z.toFixed(2)}`;
+}
+
 export class ResultPanel {
   readonly element = h('div', { class: 'result' });
   private readonly holder = h('div', { class: 'holder' });
@@ -32,14 +39,15 @@ export class ResultPanel {
   private readonly slider = h('input', { type: 'range', min: 0, max: 100, step: 1, 'aria-label': 'Start and result: share of the view that shows the start' });
   private readonly status = h('p', { class: 'status', role: 'status' }, 'Loading the result');
   private readonly viewer: Viewer;
-  private frame: SceneFrame;
   private gsd_m = 0; // 0: not known yet
-  private readonly reported: Promise<void>;
   private classes: SurfaceClass[] = [];
   private has: Attributes = { confidence: false, displacement: false, color: false };
   private mode: ColorMode = 'class';
   private hidden = false; // the address's classes have been hidden
   private hit: Hit | null = null;
+  private located: Located | string = ''; // of `hit`; or why it is not known
+  private inputFace = ''; // of `hit`, or why it is not known; empty: not asked for
+  private mesh: Promise<ArrayBuffer> | null = null;
   private measuring = false;
   private line: Vec[] = [];
   private tiles: Tile[] = [];
@@ -50,7 +58,6 @@ export class ResultPanel {
 
   // Throws if the browser has no WebGL 2.
   constructor(private readonly facts: ResultFacts) {
-    this.frame = new SceneFrame(facts.result.transform, null);
     this.element.append(this.holder, this.panel);
     const query = currentRoute().query;
     this.viewer = new Viewer(this.holder, facts.result, facts.start, this.cameraOf(query.get('camera')));
@@ -72,8 +79,7 @@ export class ResultPanel {
     this.viewer.setMode(this.mode);
     this.listen();
     this.render();
-    this.reported = facts.report.then(({ frame, gsd_m }) => {
-      this.frame = new SceneFrame(facts.result.transform, frame ?? null);
+    void facts.report.then(({ gsd_m }) => {
       this.gsd_m = gsd_m ?? 0;
       this.viewer.look.setLargestDisplacement(this.largest_m);
       this.viewer.invalidate();
@@ -170,6 +176,8 @@ export class ResultPanel {
       this.viewer.setLine(this.line);
     } else {
       this.hit = hit;
+      this.inputFace = this.mesh ? 'searching' : '';
+      if (hit) void this.locateHit(hit);
     }
     this.placeMarks();
     this.render();
@@ -202,10 +210,46 @@ export class ResultPanel {
     if (tile >= 0) await this.showCameras(tile, currentRoute().query.get('camera') === null);
   }
 
-  private tileAt(enu: Vec): Tile | null {
-    const at = this.frame.onGround(enu);
-    if (!at) return null;
-    return this.tiles.find((tile) => tile.core.some((r) => at[0] >= r.x0M && at[0] < r.x1M && at[1] >= r.y0M && at[1] < r.y1M)) ?? null;
+  // Where a point of the drawing is.
+  private locate([xM, yM, zM]: Vec): Promise<Located> {
+    const query = new URLSearchParams({ xM: xM.toFixed(4), yM: yM.toFixed(4), zM: zM.toFixed(4) });
+    return get<Located>(`/api/v1/${this.facts.job.name}:locate?${query}`);
+  }
+
+  // Reads mesh.ply once, which is as large as the result.
+  private async findInputFace(hit: Hit, at: Located): Promise<void> {
+    const job = this.facts.job.name;
+    const say = (text: string) => {
+      if (this.hit !== hit) return;
+      this.inputFace = text;
+      this.render();
+    };
+    try {
+      if (!this.mesh) {
+        const size = (await meshOf(job)).digest.sizeBytes;
+        say(`reading mesh.ply (${bytes(size)})`);
+        this.mesh = readMesh(job);
+        this.mesh.catch(() => { this.mesh = null; });
+      }
+      const { inputFace, distance_m } = nearestFace(await this.mesh, [at.sceneXM, at.sceneYM, at.sceneZM]);
+      say(`${thousands(inputFace)}${distance_m > 0.05 ? `, of the nearest face at ${distance_m.toFixed(2)} m` : ''}`);
+    } catch (error) {
+      say(error instanceof Error ? error.message : String(error));
+    }
+  }
+
+  private async locateHit(hit: Hit): Promise<void> {
+    this.located = 'Asking for the coordinates';
+    let found: Located | string;
+    try {
+      found = await this.locate(hit.enu);
+    } catch (error) {
+      found = error instanceof Error ? error.message : String(error);
+    }
+    if (this.hit !== hit) return;
+    this.located = found;
+    this.render();
+    if (this.mesh && typeof found !== 'string' && hit.side === 'result') void this.findInputFace(hit, found);
   }
 
   private async showCameras(tile: number, move: boolean): Promise<void> {
@@ -213,7 +257,6 @@ export class ResultPanel {
     replaceQuery({ tile: tile >= 0 ? String(tile) : undefined });
     const chosen = this.tiles.find((each) => each.tile === tile);
     this.camerasNote = '';
-    await this.reported;
     if (chosen && this.cameras.length === 0) {
       try {
         this.cameras = (await getAll<Camera>(`/api/v1/${this.facts.job.name}/views`, 'views', 200_000)).items;
@@ -223,21 +266,19 @@ export class ResultPanel {
     }
     const shown = (chosen?.views ?? []).flatMap((index) => {
       const camera = this.cameras[index];
-      if (!camera) return [];
-      const centre = this.frame.enu([camera.xM, camera.yM, camera.zM]);
-      const ahead = this.frame.enu([camera.xM + camera.directionX, camera.yM + camera.directionY, camera.zM + camera.directionZ]);
-      return centre && ahead ? [{ centre, direction: [ahead[0] - centre[0], ahead[1] - centre[1], ahead[2] - centre[2]] as Vec }] : [];
+      if (!camera || Math.hypot(camera.tilesDirectionX, camera.tilesDirectionY, camera.tilesDirectionZ) === 0) return [];
+      return [{ centre: [camera.tilesXM, camera.tilesYM, camera.tilesZM] as Vec, direction: [camera.tilesDirectionX, camera.tilesDirectionY, camera.tilesDirectionZ] as Vec }];
     });
     if (chosen && !this.camerasNote) {
-      this.camerasNote = shown.length > 0 ? `${shown.length} cameras are drawn in red.` : 'The page cannot convert the coordinates of this scene, so no cameras are drawn.';
+      this.camerasNote = shown.length > 0 ? `${shown.length} cameras are drawn in red.` : 'The places of its cameras are not known.';
     }
     const core = chosen?.core[0];
     const size = core ? Math.hypot(core.x1M - core.x0M, core.y1M - core.y0M) : 100;
     this.viewer.setCameras(shown, 0.12 * size);
     if (move) await this.viewer.ready;
-    const at = this.frame.onGround([0, 0, 0]);
-    if (move && core && at) {
-      const middle: Vec = [(core.x0M + core.x1M) / 2 - at[0], (core.y0M + core.y1M) / 2 - at[1], this.viewer.height_m];
+    const origin = move && core ? await this.locate([0, 0, 0]).catch(() => null) : null;
+    if (core && origin) {
+      const middle: Vec = [(core.x0M + core.x1M) / 2 - origin.groundXM, (core.y0M + core.y1M) / 2 - origin.groundYM, this.viewer.height_m];
       // So far away that the cameras are in view, too.
       const farthest = Math.max(0, ...shown.map(({ centre }) => Math.hypot(centre[0] - middle[0], centre[1] - middle[1], centre[2] - middle[2])));
       this.viewer.show(middle, Math.max(0.7 * size, Math.min(1.1 * farthest, 6 * size)));
@@ -246,18 +287,18 @@ export class ResultPanel {
   }
 
   private hitFacts(hit: Hit): HTMLElement {
-    const scene = this.frame.scene(hit.enu), globe = this.frame.geodetic(hit.enu), tile = this.tileAt(hit.enu);
+    const at = typeof this.located === 'string' ? null : this.located;
     const fact = (name: string, ...value: (string | HTMLElement)[]) => [h('dt', {}, name), h('dd', {}, ...value)];
     return h('dl', { class: 'facts', 'data-key': 'hit' },
       fact('Surface', hit.side),
       fact('Class', this.classes[hit.classIndex]?.name ?? 'not known'),
       hit.confidence !== null && fact('Confidence', percent(hit.confidence)),
       hit.displacement !== null && fact('Displacement', `${hit.displacement.toFixed(3)} m`),
-      tile && fact('Tile', h('a', { href: address(this.facts.job.name, { tile: tile.tile }) }, `tile ${tile.tile}`), ' ',
-        h('button', { class: 'link', onclick: () => void this.showCameras(tile.tile, false) }, 'its cameras')),
-      scene && fact(scene.name, scene.p.map((x) => x.toFixed(2)).join(', ')),
-      globe && fact('WGS 84', `${globe.lat_deg.toFixed(7)}°, ${globe.lon_deg.toFixed(7)}°, ${globe.height_m.toFixed(2)} m`),
-      !scene && !globe && fact('East, north, up', hit.enu.map((x) => x.toFixed(2)).join(', ')));
+      at && at.tile >= 0 && fact('Tile', h('a', { href: address(this.facts.job.name, { tile: at.tile }) }, `tile ${at.tile}`), ' ',
+        h('button', { class: 'link', onclick: () => void this.showCameras(at.tile, false) }, 'its cameras')),
+      at && hit.side === 'result' && fact('Input face', this.inputFace || h('button', { class: 'link', onclick: () => void this.findInputFace(hit, at) }, 'find it in mesh.ply')),
+      at ? fact(at.crs || 'Local coordinates', coordinates(at)) : fact('Coordinates', String(this.located)),
+      at?.onGlobe && fact('WGS 84', `${at.latitudeDeg.toFixed(7)}°, ${at.longitudeDeg.toFixed(7)}°, ${at.heightM.toFixed(2)} m`));
   }
 
   private measureFacts(): HTMLElement {

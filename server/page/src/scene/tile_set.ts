@@ -2,6 +2,7 @@
 import { type BufferGeometry, type Group, Matrix4, type Mesh, type Object3D, type PerspectiveCamera, type WebGLRenderer } from 'three';
 import { TilesRenderer } from '3d-tiles-renderer/three';
 import { GLTFExtensionsPlugin } from '3d-tiles-renderer/src/three/plugins/GLTFExtensionsPlugin.js';
+import { takeFile } from '../api/early';
 import type { SurfaceClass, SurfaceLook } from './surface_material';
 
 export interface Attributes { confidence: boolean; displacement: boolean; color: boolean }
@@ -19,6 +20,9 @@ export class TileSet {
               renderer: WebGLRenderer, on: { change(): void; tile(has: Attributes, classes: () => SurfaceClass[]): void; fault(text: string): void }) {
     this.tiles = new TilesRenderer(url);
     this.tiles.fetchOptions = { credentials: 'same-origin' };
+    this.tiles.registerPlugin({
+      fetchData: async (file: string, options: RequestInit) => await takeFile(file) ?? fetch(file, options),
+    } as object);
     this.tiles.registerPlugin(new GLTFExtensionsPlugin({ metadata: true, rtc: false, autoDispose: false } as object));
     this.tiles.lruCache.minBytesSize = 200e6;
     this.tiles.lruCache.maxBytesSize = 400e6;
@@ -44,6 +48,11 @@ export class TileSet {
   get loading(): boolean {
     const stats = (this.tiles as unknown as { stats: Record<string, number> }).stats;
     return !this.tiles.root || stats['queued'] + stats['downloading'] + stats['parsing'] > 0;
+  }
+
+  // Whether a picture shows something of it.
+  get visible(): boolean {
+    return this.tiles.visibleTiles.size > 0;
   }
 
   dispose(): void {

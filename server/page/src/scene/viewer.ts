@@ -1,8 +1,8 @@
 // The drawing of start and result, with a divider between them: left of it the start, right of it the result.
-import { BufferAttribute, BufferGeometry, Color, LineBasicMaterial, LineSegments, type Mesh, PerspectiveCamera, Raycaster, Scene,
-  Sphere, Vector2, Vector3, WebGLRenderer } from 'three';
+import { Box3, BufferAttribute, BufferGeometry, Color, LineBasicMaterial, LineSegments, Matrix4, type Mesh, PerspectiveCamera, Raycaster,
+  Scene, Sphere, Vector2, Vector3, WebGLRenderer } from 'three';
 import { MapControls } from 'three/addons/controls/MapControls.js';
-import type { Vec } from './geodesy';
+import { fitCorners, type Vec } from './fit';
 import { type ColorMode, enuFromWorld, type SurfaceClass, SurfaceLook, worldFromEnu } from './surface_material';
 import { type Attributes, TileSet } from './tile_set';
 
@@ -11,6 +11,25 @@ export interface Hit { side: 'start' | 'result'; enu: Vec; classIndex: number; c
 export interface Mark { enu: Vec; element: HTMLElement }
 
 const kErrorTarget_px = 8, kMaxTriangles = 1_500_000;
+const kFilled = 0.96; // share of the view that showAll fills
+
+const kFromSouth = new Vector3(-0.25, 0.72, 0.66); // from the target to the camera
+
+// Throws if the browser has no WebGL 2. A browser that draws on the processor gets neither antialiasing nor more pixels
+// than the page has: each costs as much as the picture.
+function makeRenderer(): WebGLRenderer {
+  const canvas = document.createElement('canvas');
+  const open = (options: WebGLContextAttributes) => canvas.getContext('webgl2', { powerPreference: 'high-performance', ...options });
+  const fast = open({ antialias: true, failIfMajorPerformanceCaveat: true }), context = fast ?? open({ antialias: false });
+  if (!context) {
+    throw new Error(typeof WebGL2RenderingContext === 'undefined' ? 'This browser has no WebGL 2.'
+      : 'This browser refuses WebGL 2: hardware acceleration is switched off, or the graphics driver is on its block list.');
+  }
+  const renderer = new WebGLRenderer({ canvas, context });
+  renderer.setPixelRatio(fast ? Math.min(window.devicePixelRatio || 1, 2) : 1);
+  renderer.info.autoReset = false;
+  return renderer;
+}
 
 export class Viewer {
   readonly canvas: HTMLCanvasElement;
@@ -34,16 +53,18 @@ export class Viewer {
   private placed: boolean;
   private wanted = false;
   private closed = false;
+  private drawn = { start: false, result: false }; // something of it has been seen
+  private openStart: (() => void) | null = null; // null: there is none, or it is open
+  private size = ''; // of the canvas
   private still: string = '';
   private readonly has: Attributes = { confidence: false, displacement: false, color: false };
 
   // Throws if the browser has no WebGL 2. `camera`: place and target, east-north-up; null: the whole result.
   constructor(private readonly holder: HTMLElement, result: TileSetAddress, start: TileSetAddress | null, camera: Vec[] | null) {
-    this.renderer = new WebGLRenderer({ antialias: true, powerPreference: 'high-performance' });
-    this.renderer.info.autoReset = false;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+    this.renderer = makeRenderer();
     this.canvas = this.renderer.domElement;
     Object.assign(this.canvas, { tabIndex: 0 });
+    this.canvas.style.visibility = 'hidden'; // black until something is drawn
     this.canvas.setAttribute('role', 'application');
     this.canvas.setAttribute('aria-label', 'The surface in 3D. Arrow keys move, Q and E turn, R and F tilt, + and − zoom, Enter reads the middle, Home shows everything.');
     holder.prepend(this.canvas);
@@ -67,13 +88,15 @@ export class Viewer {
       tile: (has: Attributes, classes: () => SurfaceClass[]) => this.addTile(has, classes),
       fault: (text: string) => this.onFault(text),
     };
-    for (const [side, address] of [['result', result], ['start', start]] as const) {
-      if (!address) continue;
+    const open = (side: 'start' | 'result', address: TileSetAddress) => {
       const scene = new Scene();
       const set = new TileSet(address.url, address.transform, this.look, this.camera, this.renderer, on);
       scene.add(set.group);
       this.sides[side] = { scene, set };
-    }
+    };
+    open('result', result);
+    // The start waits for the first picture of the result.
+    if (start) this.openStart = () => open('start', start);
     this.lines.frustumCulled = this.cameraLines.frustumCulled = false;
     this.lines.renderOrder = 10;
     this.observer = new ResizeObserver(() => this.resize());
@@ -89,7 +112,7 @@ export class Viewer {
   }
 
   setWipe(share: number): void {
-    this.wipe = this.sides.start ? Math.min(Math.max(share, 0), 1) : 0;
+    this.wipe = this.sides.start || this.openStart ? Math.min(Math.max(share, 0), 1) : 0;
     this.invalidate();
   }
 
@@ -106,7 +129,7 @@ export class Viewer {
   // The surface at a point of the canvas, in pixels of the page; null: nothing there.
   pick(clientX: number, clientY: number): Hit | null {
     const box = this.canvas.getBoundingClientRect(), x = (clientX - box.left) / box.width, y = (clientY - box.top) / box.height;
-    const side = x < this.wipe ? 'start' : 'result', shown = this.sides[side];
+    const side = x < this.wipe && this.drawn.start ? 'start' : 'result', shown = this.sides[side];
     if (!shown) return null;
     const ray = new Raycaster();
     ray.setFromCamera(new Vector2(2 * x - 1, 1 - 2 * y), this.camera);
@@ -148,7 +171,7 @@ export class Viewer {
   show(centre: Vec, radius_m: number): void {
     const target = worldFromEnu(centre), distance = (radius_m * 1.05) / Math.tan((this.camera.fov * Math.PI) / 360) / Math.min(1, Math.max(0.4, this.camera.aspect));
     this.controls.target.copy(target);
-    this.camera.position.copy(target).add(new Vector3(-0.25, 0.72, 0.66).normalize().multiplyScalar(distance));
+    this.camera.position.copy(target).add(kFromSouth.clone().normalize().multiplyScalar(distance));
     this.controls.update();
     this.invalidate();
   }
@@ -159,9 +182,27 @@ export class Viewer {
     return sphere ? enuFromWorld(sphere.center)[2] : 0;
   }
 
+  // Moves the camera so that the box of the result just fits into the view, from the south.
   showAll(): void {
-    const sphere = this.sphere();
-    if (sphere) this.show(enuFromWorld(sphere.center), 0.8 * sphere.radius);
+    const corners = this.corners();
+    if (!corners) return;
+    const back = kFromSouth.clone().normalize(), right = new Vector3(0, 1, 0).cross(back).normalize(), up = back.clone().cross(right);
+    const tan_y = kFilled * Math.tan((this.camera.fov * Math.PI) / 360), tan_x = tan_y * this.camera.aspect;
+    const { x, y, distance } = fitCorners(corners.map((p) => [p.dot(right), p.dot(up), p.dot(back)]), tan_x, tan_y);
+    this.camera.position.set(0, 0, 0).addScaledVector(right, x).addScaledVector(up, y).addScaledVector(back, distance);
+    // The target is as deep in the view as the middle of the box.
+    const depth = distance - corners.reduce((sum, p) => sum + p.dot(back), 0) / corners.length;
+    this.controls.target.copy(this.camera.position).addScaledVector(back, -depth);
+    this.controls.update();
+    this.invalidate();
+  }
+
+  // Of the box of the result; null: not known yet.
+  private corners(): Vector3[] | null {
+    const set = this.sides.result?.set, box = new Box3(), matrix = new Matrix4();
+    if (!set?.tiles.getOrientedBoundingBox(box, matrix)) return null;
+    matrix.premultiply(set.group.matrix);
+    return [0, 1, 2, 3, 4, 5, 6, 7].map((i) => new Vector3(i & 1 ? box.max.x : box.min.x, i & 2 ? box.max.y : box.min.y, i & 4 ? box.max.z : box.min.z).applyMatrix4(matrix));
   }
 
   // Turns by radians around the target, tilts, and changes the distance by a factor.
@@ -227,6 +268,9 @@ export class Viewer {
 
   private resize(): void {
     const width = Math.max(1, this.holder.clientWidth), height = Math.max(1, this.holder.clientHeight);
+    const size = `${width} x ${height}`;
+    if (size === this.size) return;
+    this.size = size;
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     this.renderer.setSize(width, height);
@@ -254,20 +298,27 @@ export class Viewer {
   }
 
   private draw(): void {
-    const width = this.holder.clientWidth, height = this.holder.clientHeight, divider = Math.round(this.wipe * width);
-    this.background.set(getComputedStyle(this.holder).backgroundColor);
+    const width = this.holder.clientWidth, height = this.holder.clientHeight, { start, result } = this.sides;
+    for (const shown of [result, start]) shown?.set.tiles.update();
+    const loading = (this.openStart !== null && this.wipe > 0) || [result, start].some((shown) => shown?.set.loading);
+    // Nothing is drawn before there is something to see. Until the start is there, the result has the whole view.
+    this.drawn.result ||= result?.set.visible === true;
+    this.drawn.start ||= start?.set.visible === true;
+    const divider = this.drawn.start ? Math.round(this.wipe * width) : 0;
     this.renderer.info.reset();
-    this.renderer.setClearColor(this.background);
-    this.renderer.setScissorTest(true);
-    let loading = false;
-    for (const [side, from, to] of [['start', 0, divider], ['result', divider, width]] as const) {
-      const shown = this.sides[side];
-      if (!shown || to <= from) continue;
-      shown.set.tiles.update();
-      loading ||= shown.set.loading;
-      this.renderer.setScissor(from, 0, to - from, height);
-      shown.scene.add(this.lines, this.cameraLines);
-      this.renderer.render(shown.scene, this.camera);
+    if (this.drawn.result) {
+      this.canvas.style.visibility = 'visible';
+      this.background.set(getComputedStyle(this.holder).backgroundColor);
+      this.renderer.setClearColor(this.background);
+      this.renderer.setScissorTest(true);
+      for (const [shown, from, to] of [[start, 0, divider], [result, divider, width]] as const) {
+        if (!shown || to <= from) continue;
+        this.renderer.setScissor(from, 0, to - from, height);
+        shown.scene.add(this.lines, this.cameraLines);
+        this.renderer.render(shown.scene, this.camera);
+      }
+      this.openStart?.();
+      this.openStart = null;
     }
     const triangles = this.renderer.info.render.triangles;
     this.keepBudget(triangles, loading);

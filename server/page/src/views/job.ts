@@ -17,6 +17,7 @@ import { jobNumber, tilePanel } from '../job/tile_panel';
 import { Timeline } from '../job/timeline';
 import { address, currentRoute, replaceQuery, type Route } from '../router';
 import { Refresher } from './refresher';
+import { prepareResult } from './result';
 import type { View } from './view';
 
 const kSections = [['', 'Tiles'], ['timeline', 'Time'], ['energy', 'Energy'], ['files', 'Files'], ['details', 'Details']];
@@ -28,7 +29,7 @@ export function jobView(name: string, route: Route): View {
   let section = route.parts[2] ?? '', tile = Number(route.query.get('tile') ?? -1);
   let job: Job | null = null, running: Task[] = [], fault = '', closed = false;
   let tiles: Tile[] = [], cameras: Camera[] = [], artifacts: Artifact[] | null = null;
-  let attempts: Attempt[] | null = null, attemptsComplete = true, report: Report | null | 'missing' = null;
+  let attempts: Attempt[] | null = null, attemptsComplete = true, ofTile: { tile: number; attempts: Attempt[] } | null = null, report: Report | null | 'missing' = null;
   let showTable = false;
   const openFolders = new Set<string>();
   const map = new TileMap(select);
@@ -51,6 +52,12 @@ export function jobView(name: string, route: Route): View {
     const list = await getAll<Attempt>(`/api/v1/${name}/attempts`, 'attempts', kMaxAttempts);
     [attempts, attemptsComplete] = [list.items, list.complete];
   }));
+  const tileAttempts = new Refresher(1000, load(async () => {
+    const asked = tile;
+    if (asked < 0) return;
+    const list = await getAll<Attempt>(`/api/v1/${name}/attempts`, 'attempts', kMaxAttempts, { tile: String(asked) });
+    ofTile = { tile: asked, attempts: list.items };
+  }));
   const cameraList = new Refresher(10_000, load(async () => {
     if (cameras.length > 0) return;
     cameras = (await getAll<Camera>(`/api/v1/${name}/views`, 'views', 200_000)).items;
@@ -70,7 +77,8 @@ export function jobView(name: string, route: Route): View {
   function loadSection(): void {
     tileList.request();
     if (section === '') cameraList.request();
-    if (section === 'timeline' || (section === '' && tile >= 0)) attemptList.request();
+    if (section === 'timeline') attemptList.request();
+    if (section === '' && tile >= 0) tileAttempts.request();
     if (section === 'files') fileList.request();
     if (section === 'energy') reportFile.request();
   }
@@ -91,7 +99,7 @@ export function jobView(name: string, route: Route): View {
     tile = chosen;
     map.select(tile);
     replaceQuery({ tile: tile >= 0 ? String(tile) : undefined });
-    if (tile >= 0) attemptList.request();
+    if (tile >= 0) tileAttempts.request();
     render();
   }
 
@@ -166,7 +174,7 @@ export function jobView(name: string, route: Route): View {
           : h('p', { class: 'empty' }, tiles.length > 0 ? 'The place of the tiles is not known.' : hasEnded(now) ? 'The job has no tiles.'
             : 'The tiles are planned when the scene has been read.')),
       chosen ? tilePanel({
-        job: now, tile: chosen, attempts: attempts && attempts.filter((attempt) => attempt.tile === tile), views: cameras,
+        job: now, tile: chosen, attempts: ofTile?.tile === tile ? ofTile.attempts : null, views: cameras,
         retry: canRetry() && isBad(chosen) ? () => void retryTile(tile) : null, select,
       }) : null),
     !chosen && tiles.length > 0 && h('p', { class: 'soft' }, 'A click on a tile shows its attempts, errors and cameras.'),
@@ -223,7 +231,9 @@ export function jobView(name: string, route: Route): View {
       h('p', { class: 'crumbs' }, h('a', { href: address('jobs') }, 'Jobs'), ` / ${jobNumber(now)}`),
       h('div', { class: 'head' }, h('h1', {}, jobTitle(now), ' ', stateBadge(now)),
         h('div', { class: 'buttons' },
-          hasResult(now) && h('a', { class: 'button primary', href: address(`${name}/result`) }, 'Result in 3D'),
+          hasResult(now) && h('a', {
+            class: 'button primary', href: address(`${name}/result`), onpointerenter: () => prepareResult(name), onfocus: () => prepareResult(name),
+          }, 'Result in 3D'),
           allowedActions().filter((action) => action.allows(now)).map((action) => h('button', {
             class: `button ${action.danger ? 'danger-text' : ''}`, 'data-key': action.id,
             onclick: async () => {

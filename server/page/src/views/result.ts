@@ -1,5 +1,6 @@
 // The result of a job in 3D: finds its tile set, or lets a job export one; without WebGL it shows pictures.
 import { ApiError, fileUrl, get, getText } from '../api/client';
+import { readTileset, requestTileset, type Tileset } from '../api/early';
 import { type Follower, watchJob } from '../api/live';
 import { hasEnded, hasResult, type Job, jobTitle, type ListJobs, type WatchJob } from '../api/types';
 import { type Child, h, renderInto } from '../base/dom';
@@ -10,21 +11,6 @@ import { address, currentRoute, type Route } from '../router';
 import type { Report, ResultPanel } from '../scene/result_panel';
 import type { View } from './view';
 
-function webglFault(): string {
-  const canvas = document.createElement('canvas');
-  try {
-    const context = canvas.getContext('webgl2');
-    if (context) {
-      context.getExtension('WEBGL_lose_context')?.loseContext();
-      return '';
-    }
-  } catch {
-    // the same as none
-  }
-  return typeof WebGL2RenderingContext === 'undefined' ? 'This browser has no WebGL 2.'
-    : 'This browser refuses WebGL 2: hardware acceleration is switched off, or the graphics driver is on its block list.';
-}
-
 async function hasFile(job: Job, name: string): Promise<boolean> {
   if (job.artifacts.some((artifact) => artifact.name === name)) return true;
   if (job.artifactsTotal <= job.artifacts.length) return false;
@@ -32,9 +18,11 @@ async function hasFile(job: Job, name: string): Promise<boolean> {
   return list.artifacts.some((artifact) => artifact.name === name);
 }
 
-async function transformOf(url: string): Promise<number[] | null> {
-  const tileset = await get<{ root?: { transform?: number[] } }>(url);
-  return tileset.root?.transform ?? null;
+// Asks for what a result in 3D needs first. To be called as soon as it is known that one will be shown.
+export function prepareResult(name: string): void {
+  if (typeof WebGL2RenderingContext === 'undefined') return;
+  import('../scene/result_panel').catch(() => {}); // show() reports it
+  requestTileset(name, kTileset);
 }
 
 export function resultView(name: string, _route: Route): View {
@@ -54,9 +42,7 @@ export function resultView(name: string, _route: Route): View {
     renderInto(body, h('div', { class: 'card message' }, ...content));
   }
 
-  const fault = webglFault();
-  const viewer = fault ? null : import('../scene/result_panel'); // loaded beside the first calls
-  viewer?.catch(() => {}); // show() reports it
+  prepareResult(name);
 
   async function open(): Promise<void> {
     renderHead();
@@ -68,12 +54,13 @@ export function resultView(name: string, _route: Route): View {
         h('a', { class: 'button', href: address(name) }, 'To the job'));
       return;
     }
-    if (fault) {
-      await showPictures(job, fault);
+    if (typeof WebGL2RenderingContext === 'undefined') {
+      await showPictures(job, 'This browser has no WebGL 2.');
       return;
     }
-    if (await hasFile(job, kTileset)) {
-      await show(job, job);
+    const tileset = await readTileset(fileUrl(name, kTileset));
+    if (tileset) {
+      await show(job, job, tileset);
       return;
     }
     const list = await get<ListJobs>('/api/v1/jobs?pageSize=1000');
@@ -98,7 +85,7 @@ export function resultView(name: string, _route: Route): View {
   async function follow(exporting: Job): Promise<void> {
     follower?.stop();
     if (hasResult(exporting)) {
-      await show(job!, await get<Job>(`/api/v1/${exporting.name}`));
+      await showExported(await get<Job>(`/api/v1/${exporting.name}`));
       return;
     }
     follower = watchJob(exporting.name, (message: WatchJob) => {
@@ -106,7 +93,7 @@ export function resultView(name: string, _route: Route): View {
       if (closed) return;
       if (hasResult(now)) {
         follower?.stop();
-        void show(job!, now).catch(fail);
+        void showExported(now).catch(fail);
       } else if (hasEnded(now)) {
         follower?.stop();
         say(h('h2', {}, 'The export failed'), h('p', { class: 'reason' }, now.error), h('a', { class: 'button', href: address(now.name) }, 'To the export job'));
@@ -117,10 +104,17 @@ export function resultView(name: string, _route: Route): View {
     }, fail);
   }
 
-  async function show(base: Job, tiles: Job): Promise<void> {
-    const resultUrl = fileUrl(tiles.name, kTileset), startUrl = fileUrl(tiles.name, kStartTileset);
+  async function showExported(exported: Job): Promise<void> {
+    requestTileset(exported.name, kTileset);
+    const tileset = await readTileset(fileUrl(exported.name, kTileset));
+    if (!tileset) throw new Error(`The export ${exported.name} has no tile set.`);
+    await show(job!, exported, tileset);
+  }
+
+  async function show(base: Job, tiles: Job, tileset: Tileset): Promise<void> {
+    const resultUrl = fileUrl(tiles.name, kTileset), startUrl = fileUrl(tiles.name, kStartTileset), transform = tileset.root?.transform ?? null;
     const report = get<Report>(fileUrl(base.name, 'report.json')).catch(() => ({} as Report)); // may be large: not waited for
-    const [start, transform, scene] = await Promise.all([hasFile(tiles, kStartTileset), transformOf(resultUrl), viewer!]);
+    const [start, scene] = await Promise.all([hasFile(tiles, kStartTileset), import('../scene/result_panel')]);
     const facts = {
       job: base, result: { url: resultUrl, transform }, start: start ? { url: startUrl, transform } : null,
       report, fileColor: tiles.settings?.export?.color || 'class',
@@ -130,7 +124,7 @@ export function resultView(name: string, _route: Route): View {
       panel = new scene.ResultPanel(facts);
       body.replaceChildren(panel.element);
     } catch (error) {
-      await showPictures(base, `The 3D view cannot start: ${error instanceof Error ? error.message : String(error)}`);
+      await showPictures(base, error instanceof Error ? error.message : String(error));
     }
   }
 
