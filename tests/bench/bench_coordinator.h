@@ -58,6 +58,7 @@ class BenchCoordinator {
   Coordinator& coordinator() { return *coordinator_; }
   BlobStore& blobs() { return *blobs_; }
   const std::string& address() const { return server_->address(); }
+  CoordinatorServer& server() { return *server_; }
 
  private:
   BenchCoordinator() = default;

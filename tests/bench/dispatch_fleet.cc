@@ -24,14 +24,22 @@
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
+#include "server/http/http_server.h"
 #include "server/jobs/coordinator.h"
 #include "server/store/sqlite_store.h"
 #include "server/tesserad/logging.h"
 #include "tessera/v1/workers.grpc.pb.h"
 #include "tests/bench/bench_coordinator.h"
+#include "tests/bench/page_clients.h"
 
 namespace tessera {
 namespace {
+
+// By which the processes find each other.
+struct Files {
+  std::string address, page_address;  // of the coordinator and of its HTTP server, while they serve
+  std::string open_pages;             // exists while pages are open
+};
 
 using SteadyTime = std::chrono::steady_clock::time_point;
 
@@ -358,12 +366,18 @@ int Work(const FleetArguments& arguments, const std::string& folder, const std::
 }
 
 StatusOr<double> Serve(const FleetArguments& arguments, const std::string& folder, const std::string& state,
-                       const std::string& address_file) {
+                       const Files& files) {
   TESSERA_RETURN_IF_ERROR(SetUpLog("off", false));
   ChainPlanner planner(arguments);
   TESSERA_ASSIGN_OR_RETURN(const auto served,
                            BenchCoordinator::Start(folder, &planner, /*shared_storage=*/false, arguments.tls, state));
   TESSERA_RETURN_IF_ERROR(served->blobs().PutBytes("survey").status());
+  std::unique_ptr<HttpServer> http;
+  if (arguments.pages > 0) {
+    TESSERA_ASSIGN_OR_RETURN(http, HttpServer::Start({.address = "127.0.0.1:0"}, &served->server()));
+    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(files.page_address, http->address()));
+  }
+  PageTurns turns(files.open_pages);
   Coordinator& coordinator = served->coordinator();
   std::thread ticker([&] {
     while (!coordinator.core().stopped()) {
@@ -375,7 +389,7 @@ StatusOr<double> Serve(const FleetArguments& arguments, const std::string& folde
   NewJob job;
   job.scene_path = "/scene";
   TESSERA_ASSIGN_OR_RETURN(JobStatus status, coordinator.jobs().CreateJob(job));
-  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, served->address()));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(files.address, served->address()));
   SteadyTime start = Now();
   double planned_s = 0, most_bytes = 0, start_cpu_s = 0;
   while (!HasEnded(status.header.state) && status.tasks_done < arguments.tasks + 1) {
@@ -386,8 +400,10 @@ StatusOr<double> Serve(const FleetArguments& arguments, const std::string& folde
       start = Now();
       start_cpu_s = CpuSeconds(RUSAGE_SELF);
     }
+    if (planned_s > 0 && http != nullptr) turns.Step(status.tasks_done, CpuSeconds(RUSAGE_SELF));
     most_bytes = std::max(most_bytes, ResidentBytes());
   }
+  turns.End();
   const double run_s = SecondsSince(start), cpu_s = CpuSeconds(RUSAGE_SELF) - start_cpu_s;
   while (!HasEnded(status.header.state)) {  // published, and the report is written
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
@@ -395,7 +411,7 @@ StatusOr<double> Serve(const FleetArguments& arguments, const std::string& folde
     most_bytes = std::max(most_bytes, ResidentBytes());
   }
   const double end_s = SecondsSince(start);
-  TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));
+  for (const std::string& file : {files.address, files.page_address}) TESSERA_RETURN_IF_ERROR(RemoveTree(file));
   while (wait(nullptr) > 0) {
   }
   std::printf("%d tasks, %d workers: planned in %.1f s, run in %.1f s: %.0f tasks a second; ended %.1f s later\n",
@@ -419,10 +435,14 @@ double CpuSeconds(int who) {
 }
 
 StatusOr<double> RunFleet(const FleetArguments& arguments, const std::string& folder, const std::string& state) {
-  const std::string address_file = folder + "/address";
+  const Files files = {folder + "/address", folder + "/page_address", folder + "/open_pages"};
   TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
-  if (fork() == 0) _exit(Work(arguments, folder, address_file));
-  return Serve(arguments, folder, state, address_file);
+  if (fork() == 0) _exit(Work(arguments, folder, files.address));
+  if (arguments.pages > 0 && fork() == 0) {
+    RunPageClients(arguments.pages, "jobs/1", files.page_address, files.open_pages);
+    _exit(0);
+  }
+  return Serve(arguments, folder, state, files);
 }
 
 Status ReopenFleet(const std::string& folder) {

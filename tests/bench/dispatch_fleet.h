@@ -15,6 +15,7 @@ struct FleetArguments {
   int workers = 1000;
   double work_s = 0;  // that a worker takes for a task
   bool tls = false;   // with TLS and tokens
+  int pages = 0;      // of the job, in browsers that are simulated by a process of their own (page_clients.h)
 };
 
 // Runs a job of so many tasks, each with parameters of 400 bytes and statistics of 300, in chains as long as tiles have

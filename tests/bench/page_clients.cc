@@ -1,0 +1,298 @@
+#include "tests/bench/page_clients.h"
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/epoll.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <string_view>
+#include <thread>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "common/storage/files.h"
+#include "tests/bench/dispatch_fleet.h"
+
+namespace tessera {
+namespace {
+
+using Steady = std::chrono::steady_clock;
+
+constexpr int kStreams = 64;  // that a coordinator has
+constexpr double kPoll_s = 2, kTiles_s = 1;
+constexpr double kTurn_s = 6, kSettle_s = 2;  // the start of a turn is not counted
+
+struct Counts {
+  int64_t states = 0, unchanged = 0, tiles = 0, events = 0, bytes = 0, faults = 0;
+  double longest_s = 0;  // from a request to its answer
+};
+
+double PageNow() { return std::chrono::duration<double>(Steady::now().time_since_epoch()).count(); }
+
+// A connection to a server on loopback; one request at a time.
+class Connection {
+ public:
+  explicit Connection(int port) : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in to = {};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(static_cast<uint16_t>(port));
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    const int on = 1;
+    ::setsockopt(fd_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+    good_ = ::connect(fd_, reinterpret_cast<const sockaddr*>(&to), sizeof(to)) == 0;
+  }
+  ~Connection() { ::close(fd_); }
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  int fd() const { return fd_; }
+  bool good() const { return good_; }
+  void Get(const std::string& path, const std::string& etag) {
+    std::string text = "GET " + path + " HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip, deflate\r\n";
+    if (!etag.empty()) text += "If-None-Match: " + etag + "\r\n";
+    text += "\r\n";
+    good_ = good_ && ::send(fd_, text.data(), text.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(text.size());
+  }
+  // Takes what has arrived.
+  void Receive(Counts& counts) {
+    char bytes[64 << 10];
+    const ssize_t n = ::recv(fd_, bytes, sizeof(bytes), MSG_DONTWAIT);
+    if (n <= 0) {
+      good_ = false;
+      return;
+    }
+    counts.bytes += n;
+    received_.append(bytes, static_cast<size_t>(n));
+  }
+  // Takes a whole answer; false: not there yet.
+  bool TakeAnswer(int* status, std::string* etag) {
+    const size_t end = received_.find("\r\n\r\n");
+    if (end == std::string::npos) return false;
+    const std::string_view head(received_.data(), end + 2);
+    const std::string length = ValueOf(head, "\r\nContent-Length: ");
+    *status = std::atoi(received_.c_str() + received_.find(' ') + 1);
+    const size_t size = end + 4 + (*status == 304 ? 0 : std::strtoul(length.c_str(), nullptr, 10));
+    if (received_.size() < size) return false;
+    *etag = ValueOf(head, "\r\nETag: ");
+    received_.erase(0, size);
+    return true;
+  }
+  // Takes all whole events; returns how many.
+  int TakeEvents() {
+    int events = 0;
+    size_t at = 0;
+    for (size_t next = 0; (next = received_.find("\ndata: ", at)) != std::string::npos; at = next + 1) ++events;
+    received_.erase(0, received_.size() > 8 ? received_.size() - 7 : 0);
+    return events;
+  }
+
+ private:
+  static std::string ValueOf(std::string_view head, std::string_view name) {
+    const size_t at = head.find(name);
+    if (at == std::string_view::npos) return "";
+    return std::string(head.substr(at + name.size(), head.find("\r\n", at + 2) - at - name.size()));
+  }
+
+  const int fd_;
+  bool good_ = false;
+  std::string received_;
+};
+
+// One page.
+class Page {
+ public:
+  Page(const std::string& job, int port, bool streams, double start_s, Counts& counts)
+      : path_("/api/v1/" + job), counts_(counts), calls_(port), next_poll_s_(start_s) {
+    if (streams) stream_ = std::make_unique<Connection>(port);
+  }
+
+  std::vector<Connection*> connections() {
+    std::vector<Connection*> all = {&calls_};
+    if (stream_ != nullptr) all.push_back(stream_.get());
+    return all;
+  }
+
+  // Asks for what is due.
+  void Step(double now_s) {
+    if (asked_s_ > 0) return;
+    if (wants_tiles_ && now_s >= next_tiles_s_) {
+      wants_tiles_ = false;
+      next_tiles_s_ = now_s + kTiles_s;
+      Ask(path_ + "/tiles?pageSize=1000", "", now_s);
+      ++counts_.tiles;
+    } else if (now_s >= next_poll_s_) {
+      // A page that follows the stream asks for the state only when it opens.
+      next_poll_s_ = stream_ == nullptr ? now_s + kPoll_s : 1e18;
+      polls_ = true;
+      Ask(path_ + ":state", etag_, now_s);
+      ++counts_.states;
+    }
+  }
+
+  void Receive(Connection& connection) {
+    connection.Receive(counts_);
+    if (!connection.good()) ++counts_.faults;
+    if (&connection == stream_.get()) {
+      const int events = connection.TakeEvents();
+      counts_.events += events;
+      wants_tiles_ = wants_tiles_ || events > 0;
+      return;
+    }
+    int status = 0;
+    std::string etag;
+    if (!connection.TakeAnswer(&status, &etag)) return;
+    counts_.longest_s = std::max(counts_.longest_s, PageNow() - std::exchange(asked_s_, 0));
+    if (status != 200 && status != 304) ++counts_.faults;
+    if (!std::exchange(polls_, false)) return;
+    if (status == 304) ++counts_.unchanged;
+    if (status == 200) {
+      etag_ = etag;
+      wants_tiles_ = true;
+    }
+    if (stream_ != nullptr && !std::exchange(opened_, true)) {
+      std::string seen = etag_;
+      std::erase(seen, '"');
+      stream_->Get(path_ + ":watch?seenEtag=" + seen, "");
+    }
+  }
+
+ private:
+  void Ask(const std::string& path, const std::string& etag, double now_s) {
+    asked_s_ = now_s;
+    calls_.Get(path, etag);
+  }
+
+  const std::string path_;
+  Counts& counts_;
+  Connection calls_;
+  std::unique_ptr<Connection> stream_;
+  std::string etag_;
+  double next_poll_s_, next_tiles_s_ = 0, asked_s_ = 0;
+  bool wants_tiles_ = false, polls_ = false, opened_ = false;
+};
+
+// Until the file `open` is taken away.
+void RunOpenPages(int pages, const std::string& job, int port, const std::string& open, Counts& counts) {
+  const int epoll = ::epoll_create1(EPOLL_CLOEXEC);
+  struct Source {
+    Page* page;
+    Connection* connection;
+  };
+  std::vector<std::unique_ptr<Page>> all;
+  std::vector<std::unique_ptr<Source>> sources;
+  const double start_s = PageNow();
+  for (int i = 0; i < pages; ++i) {
+    // Each at another time of the two seconds.
+    const double at_s = start_s + kPoll_s * i / pages;
+    all.push_back(std::make_unique<Page>(job, port, i % (pages / std::min(pages, kStreams)) == 0 &&
+                                                        i / (pages / std::min(pages, kStreams)) < kStreams,
+                                         at_s, counts));
+    for (Connection* const connection : all.back()->connections()) {
+      sources.push_back(std::make_unique<Source>(Source{all.back().get(), connection}));
+      epoll_event event = {};
+      event.events = EPOLLIN;
+      event.data.ptr = sources.back().get();
+      ::epoll_ctl(epoll, EPOLL_CTL_ADD, connection->fd(), &event);
+    }
+  }
+  double next_look_s = start_s;
+  std::vector<epoll_event> events(256);
+  while (true) {
+    const int ready = ::epoll_wait(epoll, events.data(), static_cast<int>(events.size()), 5);
+    for (int i = 0; i < ready; ++i) {
+      const Source& source = *static_cast<Source*>(events[static_cast<size_t>(i)].data.ptr);
+      source.page->Receive(*source.connection);
+      if (!source.connection->good()) ::epoll_ctl(epoll, EPOLL_CTL_DEL, source.connection->fd(), nullptr);
+    }
+    const double now_s = PageNow();
+    for (const auto& page : all) page->Step(now_s);
+    if (now_s < next_look_s) continue;
+    next_look_s = now_s + 0.05;
+    if (!FileExists(open)) break;
+  }
+  ::close(epoll);
+}
+
+}  // namespace
+
+void RunPageClients(int pages, const std::string& job, const std::string& address, const std::string& open) {
+  Counts counts;
+  int port = 0;
+  double open_s = 0;
+  const double start_cpu_s = CpuSeconds(RUSAGE_SELF);
+  while (port == 0 || FileExists(address)) {
+    if (port == 0) {
+      const std::string text = ReadFile(address).value_or("");
+      if (!text.empty()) port = std::atoi(text.c_str() + text.rfind(':') + 1);
+    } else if (FileExists(open)) {
+      const double start_s = PageNow();
+      RunOpenPages(pages, job, port, open, counts);
+      open_s += PageNow() - start_s;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  if (open_s == 0) return;
+  std::printf(
+      "pages: %.1f states a second (%.0f %% unchanged), %.1f lists of tiles, %.1f events, %.2f MB a second, longest "
+      "answer %.2f s, faults %lld; %.0f %% of a core for the clients\n",
+      static_cast<double>(counts.states) / open_s,
+      100.0 * static_cast<double>(counts.unchanged) / static_cast<double>(std::max<int64_t>(counts.states, 1)),
+      static_cast<double>(counts.tiles) / open_s, static_cast<double>(counts.events) / open_s,
+      1e-6 * static_cast<double>(counts.bytes) / open_s, counts.longest_s, static_cast<long long>(counts.faults),
+      100 * (CpuSeconds(RUSAGE_SELF) - start_cpu_s) / open_s);
+  std::fflush(stdout);
+}
+
+void PageTurns::Step(int tasks_done, double cpu_s) {
+  const double now_s = PageNow();
+  if (turn_s_ == 0) turn_s_ = now_s;
+  if (!counts_ && now_s >= turn_s_ + kSettle_s) {
+    counts_ = true;
+    std::tie(count_s_, tasks_, cpu_s_) = std::tuple(now_s, tasks_done, cpu_s);
+  }
+  if (now_s < turn_s_ + kTurn_s) return;
+  const int tasks = std::max(1, tasks_done - tasks_);
+  turns_.push_back({is_open_, tasks / (now_s - count_s_), (cpu_s - cpu_s_) / tasks});
+  is_open_ = !is_open_;
+  (is_open_ ? WriteFileAtomic(open_, "") : RemoveTree(open_)).IgnoreError();
+  counts_ = false;
+  turn_s_ = now_s;
+}
+
+void PageTurns::End() {
+  RemoveTree(open_).IgnoreError();
+  // Each turn with pages beside the mean of those before and after it.
+  std::vector<double> rates, cpus;
+  double with = 0, without = 0, with_cpu_s = 0, without_cpu_s = 0;
+  for (size_t i = 1; i + 1 < turns_.size(); ++i) {
+    if (!turns_[i].open) continue;
+    const double rate = 0.5 * (turns_[i - 1].tasks_per_s + turns_[i + 1].tasks_per_s);
+    const double cpu_s = 0.5 * (turns_[i - 1].cpu_s_per_task + turns_[i + 1].cpu_s_per_task);
+    rates.push_back(turns_[i].tasks_per_s / rate);
+    cpus.push_back(turns_[i].cpu_s_per_task / cpu_s);
+    with += turns_[i].tasks_per_s;
+    without += rate;
+    with_cpu_s += turns_[i].cpu_s_per_task;
+    without_cpu_s += cpu_s;
+  }
+  if (rates.empty()) return;
+  std::sort(rates.begin(), rates.end());
+  std::sort(cpus.begin(), cpus.end());
+  const auto n = static_cast<double>(rates.size());
+  std::printf(
+      "with / without pages, %zu turns of %.0f s: tasks a second %.0f / %.0f, ratio: median %.3f, from %.3f to %.3f; "
+      "processor time of the coordinator a task %.3f / %.3f ms, ratio: median %.3f\n",
+      rates.size(), kTurn_s, with / n, without / n, rates[rates.size() / 2], rates.front(), rates.back(),
+      1e3 * with_cpu_s / n, 1e3 * without_cpu_s / n, cpus[cpus.size() / 2]);
+}
+
+}  // namespace tessera
