@@ -2,6 +2,8 @@
 
 #include <zlib.h>
 
+#include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "common/storage/hash.h"
@@ -25,6 +27,10 @@ const std::string& SharedAnswer::gzip() const {
   return gzip_;
 }
 
+std::chrono::milliseconds SharedAnswers::AgeOf(Clock::duration cost) {
+  return std::clamp(std::chrono::duration_cast<std::chrono::milliseconds>(kAgeOfCost * cost), kAge, kMaxAge);
+}
+
 StatusOr<SharedAnswers::Answer> SharedAnswers::Get(const std::string& key,
                                                    const std::function<StatusOr<Answer>()>& make) {
   std::shared_ptr<Entry> entry;
@@ -41,10 +47,12 @@ StatusOr<SharedAnswers::Answer> SharedAnswers::Get(const std::string& key,
     entry->making = true;
     entries_[key] = entry;
   }
+  const Clock::time_point begun = Clock::now();
   StatusOr<Answer> made = make();
   std::lock_guard lock(mutex_);
   entry->making = false;
-  entry->made = Clock::now();
+  const Clock::time_point now = Clock::now();
+  entry->until = now + AgeOf(now - begun);
   // A compressed copy is much smaller.
   if (made.ok()) entry->bytes = (*made)->json().size() + key.size();
   entry->answer = std::move(made);
@@ -63,10 +71,14 @@ SharedAnswers::Answer SharedAnswers::Find(const std::string& key) {
 }
 
 void SharedAnswers::DropOldLocked(Clock::time_point now) {
-  while (!order_.empty() && (now - order_.front()->made > kAge || bytes_ > kMaxBytes || order_.size() > kMaxAnswers)) {
-    bytes_ -= order_.front()->bytes;
-    entries_.erase(order_.front()->key);
-    order_.pop_front();
+  for (auto entry = order_.begin(); entry != order_.end();) {
+    const auto next = std::next(entry);
+    if (now > (*entry)->until || bytes_ > kMaxBytes || order_.size() > kMaxAnswers) {
+      bytes_ -= (*entry)->bytes;
+      entries_.erase((*entry)->key);
+      order_.erase(entry);
+    }
+    entry = next;
   }
 }
 

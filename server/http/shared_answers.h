@@ -30,15 +30,20 @@ class SharedAnswer {
   mutable std::string gzip_;
 };
 
-// An answer is made at most once in kAge, for all who ask meanwhile; the caller has checked that they may. Thread-safe.
+// An answer is made at most once in kAge, for all who ask meanwhile; the caller has checked that they may. One that
+// took long is kept longer, so that answers to pages that poll take no more than a small share of a processor.
+// Thread-safe.
 class SharedAnswers {
  public:
   using Clock = std::chrono::steady_clock;
   using Answer = std::shared_ptr<const SharedAnswer>;
-  static constexpr std::chrono::milliseconds kAge{400};
+  static constexpr std::chrono::milliseconds kAge{400}, kMaxAge{3000};
+  static constexpr int kAgeOfCost = 20;  // an answer is kept for as many times as it took, within these limits
   static constexpr size_t kMaxBytes = size_t{64} << 20;
   static constexpr size_t kMaxAnswers = 1000;
 
+  // How long an answer is kept that took `cost` to make.
+  static std::chrono::milliseconds AgeOf(Clock::duration cost);
   // The answer for `key`. Calls `make` if there is none that is new enough and no other thread makes it. Errors of
   // `make` are returned to all who wait for it.
   StatusOr<Answer> Get(const std::string& key, const std::function<StatusOr<Answer>()>& make);
@@ -48,7 +53,7 @@ class SharedAnswers {
  private:
   struct Entry {
     std::string key;
-    Clock::time_point made;
+    Clock::time_point until;
     StatusOr<Answer> answer = Answer();
     bool making = false;
     size_t bytes = 0;

@@ -24,6 +24,7 @@ constexpr double kFirst_s = 10;    // longest wait for the first message of a wa
 constexpr double kUnseen_s = 0.3;  // a watch that has no news by then is unchanged
 constexpr double kTick_s = 1;      // between two checks of a stream's visitor and connection
 constexpr double kPing_s = 15;
+constexpr int kMaxRunning = 100;  // tasks of an event
 constexpr size_t kMostAtOnceBytes = 16 << 10;  // of an answer that the receiving thread compresses and copies
 constexpr size_t kMaxTokenBytes = 4 << 10, kLeastGzipBytes = 1 << 10;
 
@@ -60,14 +61,6 @@ WebAnswer AnswerWith(const WebRequest& request, const SharedAnswer& shared) {
   if (packed) answer.headers.emplace_back("Content-Encoding", "gzip");
   answer.body = packed ? shared.gzip() : shared.json();
   return answer;
-}
-
-// A message of a watch as an event, and its ETag.
-StatusOr<std::string> EventOf(const std::string& rpc, const std::string& message) {
-  v1::WatchJobResponse parsed;
-  if (!parsed.ParseFromString(message)) return absl::InternalError("malformed message");
-  TESSERA_ASSIGN_OR_RETURN(const std::string json, JsonOf(rpc, message));
-  return absl::StrCat("id: ", parsed.etag(), "\ndata: ", json, "\n\n");
 }
 
 std::string EndEvent(const Status& status) {
@@ -268,6 +261,20 @@ StatusOr<SharedAnswers::Answer> Site::FirstOfWatch(const std::string& rpc, const
   return std::make_shared<const SharedAnswer>(std::move(json), parsed.etag());
 }
 
+StatusOr<SharedAnswers::Answer> Site::EventOf(const std::string& rpc, const std::string& message) {
+  return shared_.Get(absl::StrCat("event?", message), [&]() -> StatusOr<SharedAnswers::Answer> {
+    v1::WatchJobResponse parsed;
+    if (!parsed.ParseFromString(message)) return absl::InternalError("malformed message");
+    // Events are not compressed, and come four times a second.
+    if (parsed.running_size() > kMaxRunning) {
+      parsed.mutable_running()->DeleteSubrange(kMaxRunning, parsed.running_size() - kMaxRunning);
+    }
+    TESSERA_ASSIGN_OR_RETURN(const std::string json, JsonOf(rpc, parsed.SerializeAsString()));
+    return std::make_shared<const SharedAnswer>(absl::StrCat("id: ", parsed.etag(), "\ndata: ", json, "\n\n"),
+                                                parsed.etag());
+  });
+}
+
 WebAnswer Site::State(const WebRequest& request, const RouteMatch& match, const Visitor& visitor) {
   const std::string rpc(match.route->rpc);
   const auto message = MessageOf(request, match);
@@ -302,7 +309,7 @@ WebAnswer Site::Watch(const WebRequest& request, const RouteMatch& match, const 
       if (event == Event::kMessage) {
         const auto told = EventOf(rpc, message);
         if (!told.ok()) return false;
-        text += *told;
+        text += (*told)->json();
       } else if (event == Event::kEnd) {
         return sink.write(text + EndEvent(stream->status()));
       } else if (Steady::now() - written > std::chrono::duration<double>(kPing_s)) {

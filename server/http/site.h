@@ -58,6 +58,8 @@ class Site {
   WebAnswer Watch(const WebRequest& request, const RouteMatch& match, const Visitor& visitor);
   StatusOr<SharedAnswers::Answer> FirstOfWatch(const std::string& rpc, const LocalCaller& caller,
                                                const std::string& message);
+  // A message of a watch as an event. All streams that get the message share it, for its JSON costs milliseconds.
+  StatusOr<SharedAnswers::Answer> EventOf(const std::string& rpc, const std::string& message);
   static void AddHeaders(const WebRequest& request, WebAnswer* answer);
 
   const SiteEnvironment environment_;

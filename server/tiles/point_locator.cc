@@ -2,7 +2,21 @@
 
 #include <utility>
 
+#include "common/base/printable.h"
+
 namespace tessera {
+namespace {
+
+constexpr size_t kMaxNameBytes = 60;
+
+// A definition (WKT) is no name.
+std::string NameOf(const std::string& crs) {
+  if (crs.size() <= kMaxNameBytes) return crs;
+  const auto system = ReferenceSystem::Parse(crs);
+  return system.ok() ? system->name() : std::string(Prefix(crs, kMaxNameBytes));
+}
+
+}  // namespace
 
 StatusOr<PointLocator> PointLocator::Open(const Survey& survey) {
   PointLocator locator;
@@ -37,7 +51,7 @@ StatusOr<LocatedPoint> PointLocator::Locate(const Eigen::Vector3d& p_in_tiles) c
   }
   point.p = point.in_local;
   TESSERA_RETURN_IF_ERROR(map_->FromLocal({&point.p, 1}));
-  point.crs = !map_->crs().empty() && map_->crs() != "local" ? map_->crs() : system_ ? system_->name() : "";
+  point.crs = !map_->crs().empty() && map_->crs() != "local" ? NameOf(map_->crs()) : system_ ? system_->name() : "";
   return point;
 }
 

@@ -45,10 +45,9 @@ struct Connection {
   Socket socket;
   std::string key, peer;  // of the other end
   ConnectionState state = ConnectionState::kHandshake;
-  std::string received;
-  std::string answer;
-  size_t sent = 0;
-  size_t lingered = 0;
+  std::string received, answer;
+  size_t awaited = 0;  // of `received`: less is no complete request, whose head is then read once
+  size_t sent = 0, lingered = 0;
   bool ends = false;       // after the answer
   bool broken = false;     // the answer is not complete
   bool continued = false;  // 100 Continue was sent for the request under way
@@ -339,12 +338,14 @@ struct Connections::Impl {
 
   // Answers or passes on a complete request, or refuses a wrong one.
   Taken Take(Connection& connection, bool at_once) {
+    if (connection.received.size() < connection.awaited) return Taken::kNothing;
     RequestFrame frame = FindRequest(connection.received, limits.frame);
     if (frame.state == RequestFrame::State::kRefused) {
       Refuse(connection, frame.refusal);
       return Taken::kElsewhere;
     }
     if (frame.state == RequestFrame::State::kIncomplete) {
+      if (frame.has_head) connection.awaited = frame.size_bytes;
       if (!frame.has_head || connection.continued || frame.expect.empty()) return Taken::kNothing;
       connection.continued = true;
       std::string_view go_on = "HTTP/1.1 100 Continue\r\n\r\n";
@@ -354,6 +355,7 @@ struct Connections::Impl {
     const auto request = std::make_shared<ReceivedRequest>();
     request->body = connection.received.substr(frame.size_bytes - frame.body_bytes, frame.body_bytes);
     connection.received.erase(0, frame.size_bytes);
+    connection.awaited = 0;
     connection.continued = false;
     request->peer = connection.peer;
     request->tls = tls != nullptr;

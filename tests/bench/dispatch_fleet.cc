@@ -374,7 +374,9 @@ StatusOr<double> Serve(const FleetArguments& arguments, const std::string& folde
   TESSERA_RETURN_IF_ERROR(served->blobs().PutBytes("survey").status());
   std::unique_ptr<HttpServer> http;
   if (arguments.pages > 0) {
-    TESSERA_ASSIGN_OR_RETURN(http, HttpServer::Start({.address = "127.0.0.1:0"}, &served->server()));
+    HttpOptions page;
+    page.address = "127.0.0.1:0";
+    TESSERA_ASSIGN_OR_RETURN(http, HttpServer::Start(page, &served->server()));
     TESSERA_RETURN_IF_ERROR(WriteFileAtomic(files.page_address, http->address()));
   }
   PageTurns turns(files.open_pages);
@@ -439,7 +441,7 @@ StatusOr<double> RunFleet(const FleetArguments& arguments, const std::string& fo
   TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
   if (fork() == 0) _exit(Work(arguments, folder, files.address));
   if (arguments.pages > 0 && fork() == 0) {
-    RunPageClients(arguments.pages, "jobs/1", files.page_address, files.open_pages);
+    RunPageClients(arguments.pages, arguments.workers, "jobs/1", files.page_address, files.open_pages);
     _exit(0);
   }
   return Serve(arguments, folder, state, files);

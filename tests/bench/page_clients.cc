@@ -28,7 +28,7 @@ namespace {
 using Steady = std::chrono::steady_clock;
 
 constexpr int kStreams = 64;  // that a coordinator has
-constexpr double kPoll_s = 2, kTiles_s = 1;
+constexpr double kPoll_s = 2, kTiles_s = 1, kTile_s = 0.004;
 constexpr double kTurn_s = 6, kSettle_s = 2;  // the start of a turn is not counted
 
 struct Counts {
@@ -110,8 +110,12 @@ class Connection {
 // One page.
 class Page {
  public:
-  Page(const std::string& job, int port, bool streams, double start_s, Counts& counts)
-      : path_("/api/v1/" + job), counts_(counts), calls_(port), next_poll_s_(start_s) {
+  Page(const std::string& job, int tiles, int port, bool streams, double start_s, Counts& counts)
+      : path_("/api/v1/" + job),
+        tiles_s_(std::max(kTiles_s, kTile_s * tiles)),
+        counts_(counts),
+        calls_(port),
+        next_poll_s_(start_s) {
     if (streams) stream_ = std::make_unique<Connection>(port);
   }
 
@@ -126,7 +130,7 @@ class Page {
     if (asked_s_ > 0) return;
     if (wants_tiles_ && now_s >= next_tiles_s_) {
       wants_tiles_ = false;
-      next_tiles_s_ = now_s + kTiles_s;
+      next_tiles_s_ = now_s + tiles_s_;
       Ask(path_ + "/tiles?pageSize=1000", "", now_s);
       ++counts_.tiles;
     } else if (now_s >= next_poll_s_) {
@@ -172,6 +176,7 @@ class Page {
   }
 
   const std::string path_;
+  const double tiles_s_;
   Counts& counts_;
   Connection calls_;
   std::unique_ptr<Connection> stream_;
@@ -181,7 +186,7 @@ class Page {
 };
 
 // Until the file `open` is taken away.
-void RunOpenPages(int pages, const std::string& job, int port, const std::string& open, Counts& counts) {
+void RunOpenPages(int pages, int tiles, const std::string& job, int port, const std::string& open, Counts& counts) {
   const int epoll = ::epoll_create1(EPOLL_CLOEXEC);
   struct Source {
     Page* page;
@@ -190,12 +195,12 @@ void RunOpenPages(int pages, const std::string& job, int port, const std::string
   std::vector<std::unique_ptr<Page>> all;
   std::vector<std::unique_ptr<Source>> sources;
   const double start_s = PageNow();
+  const int apart = pages / std::min(pages, kStreams);  // pages from one that follows the stream to the next
   for (int i = 0; i < pages; ++i) {
     // Each at another time of the two seconds.
     const double at_s = start_s + kPoll_s * i / pages;
-    all.push_back(std::make_unique<Page>(job, port, i % (pages / std::min(pages, kStreams)) == 0 &&
-                                                        i / (pages / std::min(pages, kStreams)) < kStreams,
-                                         at_s, counts));
+    const bool streams = i % apart == 0 && i / apart < kStreams;
+    all.push_back(std::make_unique<Page>(job, tiles, port, streams, at_s, counts));
     for (Connection* const connection : all.back()->connections()) {
       sources.push_back(std::make_unique<Source>(Source{all.back().get(), connection}));
       epoll_event event = {};
@@ -224,7 +229,7 @@ void RunOpenPages(int pages, const std::string& job, int port, const std::string
 
 }  // namespace
 
-void RunPageClients(int pages, const std::string& job, const std::string& address, const std::string& open) {
+void RunPageClients(int pages, int tiles, const std::string& job, const std::string& address, const std::string& open) {
   Counts counts;
   int port = 0;
   double open_s = 0;
@@ -235,7 +240,7 @@ void RunPageClients(int pages, const std::string& job, const std::string& addres
       if (!text.empty()) port = std::atoi(text.c_str() + text.rfind(':') + 1);
     } else if (FileExists(open)) {
       const double start_s = PageNow();
-      RunOpenPages(pages, job, port, open, counts);
+      RunOpenPages(pages, tiles, job, port, open, counts);
       open_s += PageNow() - start_s;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));

@@ -21,6 +21,7 @@ import { prepareResult } from './result';
 import type { View } from './view';
 
 const kSections = [['', 'Tiles'], ['timeline', 'Time'], ['energy', 'Energy'], ['files', 'Files'], ['details', 'Details']];
+const kTile_ms = 4; // between two lists of tiles, a tile: many pages ask the coordinator
 const kMaxTiles = 100_000, kMaxAttempts = 50_000, kShownProblems = 20;
 
 export function jobView(name: string, route: Route): View {
@@ -46,6 +47,7 @@ export function jobView(name: string, route: Route): View {
   };
   const tileList = new Refresher(1000, load(async () => {
     tiles = (await getAll<Tile>(`/api/v1/${name}/tiles`, 'tiles', kMaxTiles)).items;
+    tileList.interval_ms = Math.min(Math.max(1000, kTile_ms * tiles.length), 30_000);
     map.setTiles(tiles);
   }));
   const attemptList = new Refresher(3000, load(async () => {

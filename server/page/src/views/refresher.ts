@@ -7,7 +7,7 @@ export class Refresher {
   private cost_ms = 0;
 
   // At least `interval_ms` lie between two starts, and ten times the duration of the last request.
-  constructor(private readonly interval_ms: number, private readonly request_: () => Promise<void>) {}
+  constructor(public interval_ms: number, private readonly request_: () => Promise<void>) {}
 
   request(): void {
     if (this.running || this.wanted) {

@@ -6,6 +6,7 @@
 
 #include "server/http/routes.h"
 #include "server/http/sessions.h"
+#include "server/http/shared_answers.h"
 #include "tests/unit/server/http/http_fixture.h"
 
 namespace tessera {
@@ -194,6 +195,13 @@ TEST_F(HttpTest, RequestsAreCountedByRoute) {
   http_.reset();  // before the counts
 }
 
+TEST(SharedAnswersTest, AnswersThatTakeLongAreKeptLonger) {
+  using std::chrono::milliseconds;
+  EXPECT_EQ(SharedAnswers::AgeOf(milliseconds(1)), milliseconds(400));
+  EXPECT_EQ(SharedAnswers::AgeOf(milliseconds(50)), milliseconds(1000));
+  EXPECT_EQ(SharedAnswers::AgeOf(milliseconds(10'000)), milliseconds(3000));
+}
+
 // The next event of a stream; empty at its end.
 std::string NextEvent(HttpConnection& stream, std::string* text) {
   while (text->find("\n\n") == std::string::npos) {
@@ -250,6 +258,21 @@ TEST_F(HttpTest, StreamsTellEachChangeUntilTheJobEnds) {
   // The connection is good for another request.
   stream.received().clear();
   EXPECT_EQ(HttpAsk(Address(), "GET", "/api/v1/jobs/1", Bearer("viewer")).status, 200);
+}
+
+TEST_F(HttpTest, EventsHaveAHundredRunningTasksAndTheStateHasAll) {
+  const std::string job = Create(AJob(130)), worker = Worker();
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  for (int i = 0; i < 120; ++i) ASSERT_TRUE(Lease(Worker()));
+  HttpConnection stream(Address());
+  stream.Send(HttpConnection::Text("GET", "/api/v1/jobs/1:watch", Bearer("viewer"), "", Address()));
+  EXPECT_EQ(stream.Head().status, 200);
+  std::string text;
+  EXPECT_EQ(NextEvent(stream, &text), "retry: 2000");
+  const std::string event = NextEvent(stream, &text);
+  EXPECT_EQ(json::parse(event.substr(event.find("data: ") + 6))["running"].size(), 100u);
+  const HttpReply state = Ask("GET", "/api/v1/jobs/1:state", Bearer("viewer"));
+  EXPECT_EQ(json::parse(state.body)["running"].size(), 120u);
 }
 
 TEST_F(HttpTest, StreamsEndWithTheirTokenOrSession) {
