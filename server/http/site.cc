@@ -24,7 +24,7 @@ constexpr double kFirst_s = 10;    // longest wait for the first message of a wa
 constexpr double kUnseen_s = 0.3;  // a watch that has no news by then is unchanged
 constexpr double kTick_s = 1;      // between two checks of a stream's visitor and connection
 constexpr double kPing_s = 15;
-constexpr int kMaxRunning = 100;  // tasks of an event
+constexpr int kMaxRunning = 100;               // tasks of an event
 constexpr size_t kMostAtOnceBytes = 16 << 10;  // of an answer that the receiving thread compresses and copies
 constexpr size_t kMaxTokenBytes = 4 << 10, kLeastGzipBytes = 1 << 10;
 

@@ -122,7 +122,8 @@ StatusOr<AttemptPage> Jobs::ListAttempts(const std::string& name, int first, int
         return false;
       }
       const PlannedTask& plan = job.tasks[task].plan;
-      page.attempts.push_back({{index, task}, next, plan.kind, plan.name, plan.tile, job.tasks[task].attempts[next - 1]});
+      page.attempts.push_back(
+          {{index, task}, next, plan.kind, plan.name, plan.tile, job.tasks[task].attempts[next - 1]});
     }
     next = 1;
     return true;

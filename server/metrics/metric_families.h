@@ -11,8 +11,8 @@ struct MetricFamily;
 
 namespace tessera {
 
-// All metrics. Labels have a fixed set of values (kinds, classes, states, methods, codes, routes); no label holds a name that a
-// user chose. Every family is present from the start; a coordinator that stands by has two.
+// All metrics. Labels have a fixed set of values (kinds, classes, states, methods, codes, routes); no label holds a
+// name that a user chose. Every family is present from the start; a coordinator that stands by has two.
 std::vector<prometheus::MetricFamily> Families(const MetricSources& sources);
 
 }  // namespace tessera

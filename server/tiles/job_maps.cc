@@ -48,7 +48,8 @@ const StoredFile* FindSurvey(const Job& job, int cut) {
 }
 
 // Centre and optical axis.
-std::pair<Eigen::Vector3d, Eigen::Vector3d> PoseInTiles(const StatusOr<PointLocator>& locator, const PosedCamera& camera) {
+std::pair<Eigen::Vector3d, Eigen::Vector3d> PoseInTiles(const StatusOr<PointLocator>& locator,
+                                                        const PosedCamera& camera) {
   const std::pair<Eigen::Vector3d, Eigen::Vector3d> unknown = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
   if (!locator.ok()) return unknown;
   const Eigen::Vector3d axis = camera.rotation_cam_from_world.row(2).transpose();

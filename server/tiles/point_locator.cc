@@ -45,8 +45,8 @@ StatusOr<LocatedPoint> PointLocator::Locate(const Eigen::Vector3d& p_in_tiles) c
     TESSERA_ASSIGN_OR_RETURN(point.in_scene, SceneFromGeodetic(*point.geodetic));
     point.in_local = frame.LocalFromScene(point.in_scene);
   } else {
-    point.in_local = scene_.ground.axis_x * p_in_tiles.x() + scene_.ground.axis_y * p_in_tiles.y() +
-                     scene_.up * p_in_tiles.z();
+    point.in_local =
+        scene_.ground.axis_x * p_in_tiles.x() + scene_.ground.axis_y * p_in_tiles.y() + scene_.up * p_in_tiles.z();
     point.in_scene = frame.SceneFromLocal(point.in_local);
   }
   point.p = point.in_local;

@@ -255,8 +255,8 @@ int main(int argc, char** argv) {
   app.add_option("--work-s", fleet.work_s, "with --tasks: that a worker takes for one");
   app.add_flag("--tls", fleet.tls, "with --tasks: over TLS, with tokens");
   app.add_option("--pages", fleet.pages,
-                 "with --tasks: so many browsers have the page of the job open, in every other turn, and the ratio of the "
-                 "tasks a second with and without them");
+                 "with --tasks: so many browsers have the page of the job open in every other turn, and the ratio of "
+                 "the tasks a second with and without them");
   app.add_option("--state", state,
                  "with --tasks: first with SQLite, then with the state in this empty PostgreSQL database or schema "
                  "(postgresql://...), and the ratio of their tasks a second");

@@ -8,9 +8,10 @@
 
 namespace tessera {
 
-// Opens `pages` pages of `job`, which has `tiles` tiles, while the file `open` exists, closes them while it does not, and returns when the file
-// `address`, which has HOST:PORT, is taken away. Of the pages, 64 follow the event stream, the others poll the
-// state every 2 s with its ETag. After a change they ask for the list of tiles, at most once in max(1 s, 4 ms a tile). Prints what was asked and received, and the processor time of this process.
+// Opens `pages` pages of `job`, which has `tiles` tiles, while the file `open` exists, closes them while it does not,
+// and returns when the file `address`, which has HOST:PORT, is taken away. Of the pages, 64 follow the event stream,
+// the others poll the state every 2 s with its ETag. After a change they ask for the list of tiles, at most once in
+// max(1 s, 4 ms a tile). Prints what was asked and received, and the processor time of this process.
 void RunPageClients(int pages, int tiles, const std::string& job, const std::string& address, const std::string& open);
 
 // Opens and closes the pages in turns, and compares the coordinator's work with and without them.
