@@ -49,6 +49,7 @@ Status WriteSheet(const std::string& path, const Sheet& sheet) {
   file.arrays["confidence"] = sheet.confidence;
   file.arrays["displacement_m"] = sheet.displacement_m;
   file.arrays["colors"] = Flat<uint8_t>(sheet.colors);
+  file.arrays["shared"] = sheet.shared;
   return WriteArrayFile(path, file);
 }
 
@@ -61,11 +62,12 @@ StatusOr<Sheet> ReadSheet(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(sheet.confidence, file.Take<float>("confidence"));
   TESSERA_ASSIGN_OR_RETURN(sheet.displacement_m, file.Take<float>("displacement_m"));
   TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> colors, file.Take<uint8_t>("colors"));
+  TESSERA_ASSIGN_OR_RETURN(sheet.shared, file.Take<uint8_t>("shared"));
   const size_t vertex_count = vertices.size() / 3, face_count = faces.size() / 3;
   const auto fits = [](size_t found, size_t expected) { return found == 0 || found == expected; };
   if (vertices.size() % 3 != 0 || faces.size() % 3 != 0 || sheet.labels.size() != face_count ||
       !fits(sheet.confidence.size(), face_count) || !fits(sheet.displacement_m.size(), vertex_count) ||
-      !fits(colors.size(), 3 * vertex_count)) {
+      !fits(colors.size(), 3 * vertex_count) || !fits(sheet.shared.size(), vertex_count)) {
     return absl::DataLossError(absl::StrCat(path,
                                             ": found arrays of different sizes, expected one value per face "
                                             "or vertex"));

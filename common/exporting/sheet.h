@@ -44,6 +44,7 @@ struct Sheet {
   std::vector<float> confidence;          // per face, of its label, in [0, 1]; empty: not known
   std::vector<float> displacement_m;      // per vertex: distance to the start mesh; empty: not known
   std::vector<Rgb> colors;                // per vertex, from the photographs; empty: not computed
+  std::vector<uint8_t> shared;            // per vertex: 1 if faces of other sheets use it, else 0; empty: not known
 
   MeshSpans mesh() const {
     MeshSpans spans;

@@ -111,8 +111,24 @@ StatusOr<FaceSheets> GroupFaces(const SplitMesh& mesh, const std::string& scratc
   return grouped;
 }
 
+constexpr uint32_t kSeveralSheets = std::numeric_limits<uint32_t>::max();
+
+// Per vertex: the number of its only sheet from 1 on, or kSeveralSheets; 0 if it has no face.
+StatusOr<ScratchArray<uint32_t>> SheetsOfVertices(const SplitMesh& mesh, const FaceSheets& grouped,
+                                                  const std::string& scratch_folder) {
+  TESSERA_ASSIGN_OR_RETURN(auto sheets, ScratchArray<uint32_t>::Create(scratch_folder, mesh.positions.size()));
+  for (uint32_t s = 0; s < grouped.sheets.size(); ++s) {
+    for (size_t i = grouped.begin[s]; i < grouped.begin[s + 1]; ++i) {
+      for (const uint32_t v : mesh.faces[grouped.order[i]]) {
+        sheets[v] = sheets[v] == 0 || sheets[v] == s + 1 ? s + 1 : kSeveralSheets;
+      }
+    }
+  }
+  return sheets;
+}
+
 // The sheet of these faces.
-Sheet GatherSheet(const SplitMesh& mesh, std::span<const uint32_t> faces) {
+Sheet GatherSheet(const SplitMesh& mesh, const ScratchArray<uint32_t>& sheets, std::span<const uint32_t> faces) {
   std::vector<uint32_t> vertices;
   vertices.reserve(3 * faces.size());
   for (const uint32_t face : faces) {
@@ -123,7 +139,11 @@ Sheet GatherSheet(const SplitMesh& mesh, std::span<const uint32_t> faces) {
   vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
   Sheet sheet;
   sheet.vertices.reserve(vertices.size());
-  for (const uint32_t vertex : vertices) sheet.vertices.push_back(mesh.positions[vertex]);
+  sheet.shared.reserve(vertices.size());
+  for (const uint32_t vertex : vertices) {
+    sheet.vertices.push_back(mesh.positions[vertex]);
+    sheet.shared.push_back(sheets[vertex] == kSeveralSheets ? 1 : 0);
+  }
   if (mesh.options.has_displacement) {
     sheet.displacement_m.reserve(vertices.size());
     for (const uint32_t vertex : vertices) sheet.displacement_m.push_back(mesh.displacements_m[vertex]);
@@ -194,6 +214,7 @@ StatusOr<std::vector<SheetEntry>> SheetSplitter::Finish(const std::string& folde
   constexpr double kGroupShare = 0.2;
   TESSERA_ASSIGN_OR_RETURN(const FaceSheets grouped,
                            GroupFaces(mesh, scratch_folder_, PartOf(control, 0, kGroupShare)));
+  TESSERA_ASSIGN_OR_RETURN(const ScratchArray<uint32_t> sheets, SheetsOfVertices(mesh, grouped, scratch_folder_));
   std::vector<SheetEntry> entries;
   for (size_t s = 0; s < grouped.sheets.size(); ++s) {
     TESSERA_RETURN_IF_ERROR(control.Check());
@@ -201,7 +222,7 @@ StatusOr<std::vector<SheetEntry>> SheetSplitter::Finish(const std::string& folde
         kGroupShare + (1 - kGroupShare) * static_cast<double>(s) / static_cast<double>(grouped.sheets.size()),
         absl::StrCat("writing sheet ", s + 1, " of ", grouped.sheets.size()));
     const size_t begin = grouped.begin[s], end = grouped.begin[s + 1];
-    const Sheet sheet = GatherSheet(mesh, grouped.order.values().subspan(begin, end - begin));
+    const Sheet sheet = GatherSheet(mesh, sheets, grouped.order.values().subspan(begin, end - begin));
     SheetEntry& entry = entries.emplace_back();
     entry.id = grouped.sheets[s];
     entry.faces = static_cast<int64_t>(sheet.faces.size());

@@ -36,7 +36,7 @@ struct SplitOptions {
 size_t NearestSheet(const SheetId& id, const std::vector<SheetId>& sheets);
 
 // Takes a mesh element by element, in the order of the city's mesh, and writes one file a sheet. Movable, not
-// thread-safe. `scratch_folder` takes 28 bytes a vertex and 28 a face until the object is destroyed; the files there
+// thread-safe. `scratch_folder` takes 32 bytes a vertex and 28 a face until the object is destroyed; the files there
 // have no name.
 class SheetSplitter {
  public:

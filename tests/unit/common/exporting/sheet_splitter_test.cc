@@ -99,6 +99,11 @@ TEST_F(SheetSplitterTest, EveryFaceIsInTheSheetOfItsCentroidOnceWithItsValues) {
   std::set<size_t> found;
   std::set<uint32_t> vertices_found;
   int64_t vertices = 0;
+  const GroundPlane ground = SplitterOptions().ground;
+  std::vector<std::set<SheetId>> sheets_of(mesh.vertices.size());
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (const uint32_t v : mesh.faces[f]) sheets_of[v].insert(SheetOf(ground.Cell(MeshSpans(mesh).Centroid(f))));
+  }
   for (const SheetEntry& entry : *entries) {
     const Sheet sheet = Read(entry.id);
     EXPECT_EQ(static_cast<int64_t>(sheet.faces.size()), entry.faces);
@@ -110,6 +115,7 @@ TEST_F(SheetSplitterTest, EveryFaceIsInTheSheetOfItsCentroidOnceWithItsValues) {
       ASSERT_NE(at, vertex_at.end()) << "a vertex that no sheet may change";
       in_mesh.push_back(at->second);
       EXPECT_EQ(sheet.displacement_m[v], SplitterDisplacement(at->second));
+      EXPECT_EQ(sheet.shared[v], sheets_of[at->second].size() > 1 ? 1 : 0);
       box.extend(sheet.vertices[v]);
     }
     EXPECT_TRUE(std::is_sorted(in_mesh.begin(), in_mesh.end())) << "the order of the mesh";
@@ -127,7 +133,6 @@ TEST_F(SheetSplitterTest, EveryFaceIsInTheSheetOfItsCentroidOnceWithItsValues) {
       last = at->second;
       EXPECT_EQ(sheet.labels[f], mesh.labels[at->second]);
       EXPECT_EQ(sheet.confidence[f], SplitterConfidence(at->second));
-      const GroundPlane ground = SplitterOptions().ground;
       EXPECT_EQ(SheetOf(ground.Cell(MeshSpans(mesh).Centroid(at->second))), entry.id);
     }
   }

@@ -16,6 +16,7 @@ Sheet TwoFaces() {
   sheet.confidence = {0.5f, 0};
   sheet.displacement_m = {0, 0.1f, 0.2f, 0.3f};
   sheet.colors = {{1, 2, 3}, {4, 5, 6}, {7, 8, 9}, {10, 11, 12}};
+  sheet.shared = {0, 1, 1, 0};
   return sheet;
 }
 
@@ -41,6 +42,7 @@ TEST(SheetTest, IsReadAsItWasWritten) {
   EXPECT_EQ(read->confidence, sheet.confidence);
   EXPECT_EQ(read->displacement_m, sheet.displacement_m);
   EXPECT_EQ(read->colors, sheet.colors);
+  EXPECT_EQ(read->shared, sheet.shared);
 }
 
 TEST(SheetTest, RefusesIndicesOutOfRangeAndArraysOfOtherSizes) {
@@ -52,6 +54,10 @@ TEST(SheetTest, RefusesIndicesOutOfRangeAndArraysOfOtherSizes) {
               testing::HasSubstr("found vertex index 4, expected an index below 4"));
   sheet = TwoFaces();
   sheet.labels.pop_back();
+  ASSERT_TRUE(WriteSheet(folder.path() + "/a", sheet).ok());
+  EXPECT_EQ(ReadSheet(folder.path() + "/a").status().code(), absl::StatusCode::kDataLoss);
+  sheet = TwoFaces();
+  sheet.shared.pop_back();
   ASSERT_TRUE(WriteSheet(folder.path() + "/a", sheet).ok());
   EXPECT_EQ(ReadSheet(folder.path() + "/a").status().code(), absl::StatusCode::kDataLoss);
 }
