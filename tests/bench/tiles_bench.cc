@@ -1,10 +1,10 @@
 // How many triangles a viewer draws of 3D Tiles at 1,280 x 800 pixels and an error of 8 pixels, at most.
 //   tiles_bench TILESET            a folder with tileset.json
-//   tiles_bench --mesh MESH [--gsd M] [--widths KM,KM]
+//   tiles_bench --mesh MESH [--gsd M] [--widths KM,KM] [--out DIR]
 // The second form makes a city of any width: copies of MESH fill the square of a sheet, whose mesh continues on the
 // other side, and equal sheets fill the plane. So all tiles of a level are equal, and one of each is made, as the
 // export makes it. Prints tiles by level, CPU microseconds per face of the sheet, and the camera with the most
-// triangles.
+// triangles. `--out` writes the tiles above the sheet: LEVEL.glb.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "common/exporting/tiles3d/tiles3d.h"
+#include "common/exporting/tiles3d/tiles3d_glb.h"
 #include "common/exporting/tiles3d/tiles3d_upper.h"
 #include "common/meshio/mesh_format.h"
 #include "tests/support/tileset_views.h"
@@ -130,6 +131,13 @@ Sheet PeriodicSheet(const TriangleMesh& mesh, double side_m) {
       }
     }
   }
+  sheet.shared.assign(sheet.vertices.size(), 0);
+  for (uint32_t v = 0; v < sheet.vertices.size(); ++v) {
+    for (int i = 0; i < 9 && !sheet.shared[v]; ++i) {
+      const Eigen::Vector3d p = sheet.vertices[v] + side_m * Eigen::Vector3d(i % 3 - 1, i / 3 - 1, 0);
+      sheet.shared[v] = i != 4 && numbers.contains({p.x(), p.y(), p.z()}) ? 1 : 0;
+    }
+  }
   return sheet;
 }
 
@@ -138,7 +146,8 @@ class PeriodicCity {
  public:
   explicit PeriodicCity(const Tiles3dSizes& sizes) : sizes_(sizes) {}
 
-  Status Make(const TriangleMesh& mesh, double gsd_m, double largest_m) {
+  // `out`: a folder for the tiles above the sheet; empty: none.
+  Status Make(const TriangleMesh& mesh, double gsd_m, double largest_m, const std::string& out) {
     ExportScene scene;
     scene.gsd_m = gsd_m;
     side_m_ = std::round(250 * gsd_m / kTiles3dGrid_m) * kTiles3dGrid_m * 4;
@@ -160,6 +169,11 @@ class PeriodicCity {
       start_s = CpuSeconds();
       Raise(side_m, &part);
       const ViewTile& tile = levels_.back();
+      if (!out.empty()) {
+        TESSERA_RETURN_IF_ERROR(
+            WriteFileAtomic(out + "/" + std::to_string(levels_.size() - 1) + ".glb",
+                            MakeTiles3dGlb(part.mesh.vertices, part.mesh.faces, scene.classes, false)));
+      }
       std::printf("%6zu %8s %10.1f %10.0f %10.2f %10.3f\n", levels_.size() - 1, "", 2 * side_m, tile.triangles,
                   CpuSeconds() - start_s, tile.error_m);
     }
@@ -181,7 +195,7 @@ class PeriodicCity {
  private:
   static void Move(const Eigen::Vector3d& shift, Tiles3dPart* part) {
     for (Eigen::Vector3d& p : part->mesh.vertices.positions) p += shift;
-    for (Eigen::Vector3d& p : part->samples) p += shift;
+    for (Tiles3dPoint& point : part->samples) point.position += shift;
     part->box.translate(shift);
   }
 
@@ -194,13 +208,14 @@ class PeriodicCity {
       children.push_back(std::move(child));
     }
     *part = MergeTiles3dParts(std::move(children));
-    std::vector<Tiles3dEdge> borders;
+    std::vector<std::vector<Tiles3dEdge>> borders;
     const std::vector<Eigen::Vector3d>& positions = part->mesh.vertices.positions;
-    for (const auto& [a, b] : Tiles3dBorderEdges(part->mesh.faces, positions.size())) {
-      for (int i = 0; i < 9; ++i) {
-        const Eigen::Vector3d shift = 2 * side_m * Eigen::Vector3d(i % 3 - 1, i / 3 - 1, 0);
-        if (i != 4) borders.push_back({positions[a] + shift, positions[b] + shift});
-      }
+    const auto edges = Tiles3dSharedEdges(part->mesh.vertices, part->mesh.faces);
+    for (int i = 0; i < 9; ++i) {
+      if (i == 4) continue;
+      const Eigen::Vector3d shift = 2 * side_m * Eigen::Vector3d(i % 3 - 1, i / 3 - 1, 0);
+      std::vector<Tiles3dEdge>& border = borders.emplace_back();
+      for (const auto& [a, b] : edges) border.push_back({positions[a] + shift, positions[b] + shift});
     }
     ViewTile tile;
     tile.error_m = SimplifyTiles3dPart(borders, 2 * side_m, levels_.back().error_m, false, sizes_, part);
@@ -235,12 +250,13 @@ class PeriodicCity {
 };
 
 int Main(int argc, char** argv) {
-  std::string tileset, mesh_path;
+  std::string tileset, mesh_path, out;
   double gsd_m = 0.11;
   std::vector<double> widths_km = {0.5, 1, 2, 4, 8, 12, 16, 33};
   CLI::App app("Triangles in view of 3D Tiles");
   app.add_option("tileset", tileset, "folder with tileset.json");
   app.add_option("--mesh", mesh_path, "make a city of copies of this mesh");
+  app.add_option("--out", out, "existing folder for the tiles above the sheet");
   Tiles3dSizes sizes;
   app.add_option("--error", sizes.error, "of a level, as a part of a tile's side");
   app.add_option("--gsd", gsd_m, "ground sampling distance, metres: a sheet is 1,000 wide");
@@ -254,7 +270,7 @@ int Main(int argc, char** argv) {
     return 1;
   }
   PeriodicCity city(sizes);
-  const Status made = city.Make(mesh->mesh, gsd_m, 1000 * *std::max_element(widths_km.begin(), widths_km.end()));
+  const Status made = city.Make(mesh->mesh, gsd_m, 1000 * *std::max_element(widths_km.begin(), widths_km.end()), out);
   if (!made.ok()) {
     std::fprintf(stderr, "%s\n", made.ToString().c_str());
     return 1;

@@ -10,12 +10,13 @@ namespace tessera {
 
 // Sizes of tiles. Tests use others. tests/bench/tiles_bench.cc measures how many triangles a viewer draws.
 struct Tiles3dSizes {
-  // At most in a leaf. Tiles above the leaves may have one more for each border vertex.
+  // At most in a leaf. Tiles above the leaves may have one more for each vertex that other tiles have too.
   size_t leaf_faces = 60000;
-  // The geometric error of a tile above the leaves, as a part of its side. It grows if more than leaf_faces are left.
+  // The geometric error of a tile above the leaves, as a part of its side. It grows while twice node_faces are left.
   double error = 1.0 / 200;
-  // A tile above the leaves with more faces, besides one for each border vertex, gives up borders of classes. One with
-  // the colours of photographs has no fewer, if it can, because its vertices are the picture's pixels.
+  // A tile above the leaves with more faces, besides one for each vertex that other tiles have too, gives up borders of
+  // classes, the topology, and small pieces (SimplifyTiles3d). One with the colours of photographs has no fewer, if it
+  // can, because its vertices are the picture's pixels.
   size_t node_faces = 16000;
   // By which each level above the sheets simplifies borders, as a part of a tile's side (tiles3d_border.h).
   double border_tolerance = 1.0 / 4000;

@@ -2,8 +2,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <numeric>
 #include <utility>
 
+#include "common/base/random.h"
 #include "common/geometry/position_index.h"
 
 namespace tessera {
@@ -103,9 +105,17 @@ class BorderCollapser {
     }
   }
 
+  // Collapses a whole chain into one of its vertices.
+  void Shrink(const std::vector<uint32_t>& chain, uint32_t target) {
+    for (const uint32_t v : chain) {
+      if (v != target) ReplaceCorners(v, target);
+    }
+  }
+
   // In rounds: each removes vertices that are not next to each other. What would turn a face over waits until the
   // neighbours are gone, and goes all the same when nothing else does, because the other side removes it too.
-  Tiles3dFaces Collapse() {
+  // `source`: per face of the result, the face before.
+  Tiles3dFaces Collapse(std::vector<uint32_t>* source) {
     for (bool forced = false; !removed_.empty();) {
       std::vector<uint32_t> left;
       std::fill(touched_.begin(), touched_.end(), 0);
@@ -116,10 +126,12 @@ class BorderCollapser {
       removed_ = std::move(left);
     }
     Tiles3dFaces result;
-    for (size_t f = 0; f < faces_.size(); ++f) {
+    for (uint32_t f = 0; f < faces_.size(); ++f) {
       const Triangle& face = faces_.corners[f];
       const bool has_area = face[0] != face[1] && face[1] != face[2] && face[2] != face[0];
-      if (has_area) result.Add(face, faces_.labels[f]);
+      if (!has_area) continue;
+      result.Add(face, faces_.labels[f]);
+      source->push_back(f);
     }
     return result;
   }
@@ -160,7 +172,7 @@ class BorderCollapser {
     return (positions_[face[1]] - a).cross(positions_[face[2]] - a);
   }
 
-  void CollapseInto(uint32_t v, uint32_t target) {
+  void ReplaceCorners(uint32_t v, uint32_t target) {
     for (const uint32_t f : faces_of_[v]) {
       Triangle& face = faces_.corners[f];
       const bool has_target = std::find(face.begin(), face.end(), target) != face.end();
@@ -168,6 +180,10 @@ class BorderCollapser {
       if (!has_target) faces_of_[target].push_back(f);
     }
     faces_of_[v].clear();
+  }
+
+  void CollapseInto(uint32_t v, uint32_t target) {
+    ReplaceCorners(v, target);
     const uint32_t before = before_[v], after = after_[v];
     after_[before] = after;
     before_[after] = before;
@@ -184,68 +200,108 @@ class BorderCollapser {
 
 }  // namespace
 
-std::vector<std::array<uint32_t, 2>> Tiles3dBorderEdges(const Tiles3dFaces& faces, size_t vertex_count) {
-  const std::vector<uint8_t> border = Tiles3dBorder(faces, vertex_count);
-  std::vector<std::pair<std::array<uint32_t, 2>, int>> sides;
+std::vector<std::array<uint32_t, 2>> Tiles3dSharedEdges(const Tiles3dVertices& vertices, const Tiles3dFaces& faces) {
+  std::vector<std::array<uint32_t, 2>> edges;
   for (const Triangle& face : faces.corners) {
     for (int k = 0; k < 3; ++k) {
       const uint32_t a = face[k], b = face[(k + 1) % 3];
-      if (border[a] && border[b]) sides.push_back({{std::min(a, b), std::max(a, b)}, a < b ? 1 : -1});
+      if (vertices.shared[a] && vertices.shared[b]) edges.push_back({std::min(a, b), std::max(a, b)});
     }
   }
-  std::sort(sides.begin(), sides.end());
-  std::vector<std::array<uint32_t, 2>> edges;
-  for (size_t i = 0; i < sides.size();) {
-    const std::array<uint32_t, 2> edge = sides[i].first;
-    int sum = 0;
-    for (; i < sides.size() && sides[i].first == edge; ++i) sum += sides[i].second;
-    if (sum != 0) edges.push_back(edge);
-  }
+  std::sort(edges.begin(), edges.end());
+  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
   return edges;
 }
 
-Tiles3dFaces ThinTiles3dBorder(const Tiles3dVertices& vertices, const Tiles3dFaces& faces,
-                               const std::vector<Tiles3dEdge>& others, double tolerance_m, double free_m) {
-  const std::vector<Eigen::Vector3d>& positions = vertices.positions;
-  std::vector<std::array<uint32_t, 2>> edges = Tiles3dBorderEdges(faces, positions.size());
-  // Edges of the whole level, by numbers of positions; those of this tile have its border vertices.
-  PositionIndex places;
-  std::vector<uint32_t> vertex_of_place;
-  const auto between = [&places](const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
-    const uint32_t i = places.NumberOf(a), j = places.NumberOf(b);
-    return std::array<uint32_t, 2>{std::min(i, j), std::max(i, j)};
+Tiles3dFaces ThinTiles3dBorder(const Tiles3dFaces& faces, const std::vector<std::vector<Tiles3dEdge>>& others,
+                               double tolerance_m, double free_m, Tiles3dVertices* vertices,
+                               std::vector<uint32_t>* source) {
+  const std::vector<Eigen::Vector3d>& positions = vertices->positions;
+  const std::vector<std::array<uint32_t, 2>> own = Tiles3dSharedEdges(*vertices, faces);
+  // Edges of all tiles, by numbers of positions; those of this tile come first. `tiles`: a hash of the tiles that have
+  // the edge.
+  struct SharedEdge {
+    std::array<uint32_t, 2> ends;
+    uint64_t tiles = 0;
+    int32_t count = 1;
   };
-  std::vector<std::array<uint32_t, 2>> all, shared;
-  for (const auto& [a, b] : edges) {
-    for (const uint32_t v : {a, b}) {
+  PositionIndex places;
+  std::vector<SharedEdge> all;
+  const auto add = [&](const Eigen::Vector3d& a, const Eigen::Vector3d& b, size_t tile) {
+    const uint32_t i = places.NumberOf(a), j = places.NumberOf(b);
+    all.push_back({{std::min(i, j), std::max(i, j)}, MixBits(tile)});
+  };
+  std::vector<uint32_t> vertex_of_place;
+  for (const auto& edge : own) {
+    for (const uint32_t v : edge) {
       if (places.NumberOf(positions[v]) == vertex_of_place.size()) vertex_of_place.push_back(v);
     }
   }
-  for (const Tiles3dEdge& edge : others) shared.push_back(between(edge[0], edge[1]));
-  std::sort(shared.begin(), shared.end());
-  all = shared;
-  for (const auto& [a, b] : edges) all.push_back(between(positions[a], positions[b]));
-  std::sort(all.begin(), all.end());
-  all.erase(std::unique(all.begin(), all.end()), all.end());
+  for (const auto& [a, b] : own) add(positions[a], positions[b], 0);
+  for (size_t tile = 0; tile < others.size(); ++tile) {
+    for (const Tiles3dEdge& edge : others[tile]) add(edge[0], edge[1], tile + 1);
+  }
+  std::sort(all.begin(), all.end(), [](const SharedEdge& a, const SharedEdge& b) { return a.ends < b.ends; });
+  size_t size = 0;
+  for (const SharedEdge& edge : all) {
+    if (size > 0 && all[size - 1].ends == edge.ends) {
+      all[size - 1].tiles += edge.tiles;
+      ++all[size - 1].count;
+    } else {
+      all[size++] = edge;
+    }
+  }
+  all.resize(size);
+  std::erase_if(all, [](const SharedEdge& edge) { return edge.count < 2; });
+  // A chain ends where not two edges meet, and where other tiles have the next edge.
   std::vector<int> degrees(places.positions().size(), 0);
-  for (const auto& edge : all) {
-    for (const uint32_t place : edge) ++degrees[place];
+  std::vector<uint64_t> tiles(degrees.size(), 0);
+  std::vector<uint8_t> is_end_place(degrees.size(), 0);
+  for (const SharedEdge& edge : all) {
+    for (const uint32_t place : edge.ends) {
+      if (++degrees[place] > 2 || (degrees[place] == 2 && tiles[place] != edge.tiles)) is_end_place[place] = 1;
+      tiles[place] = edge.tiles;
+    }
   }
-  std::vector<uint8_t> is_end(positions.size(), 0);
+  std::vector<uint8_t> is_end(positions.size(), 0), is_free(positions.size(), 0);
   for (size_t place = 0; place < vertex_of_place.size(); ++place) {
-    is_end[vertex_of_place[place]] = degrees[place] != 2 ? 1 : 0;
+    is_free[vertex_of_place[place]] = degrees[place] == 1 ? 1 : 0;
+    is_end[vertex_of_place[place]] = is_end_place[place] != 0 || degrees[place] == 1 ? 1 : 0;
   }
-  BorderCollapser collapser(vertices, faces);
+  std::vector<std::array<uint32_t, 2>> edges;
+  for (const SharedEdge& edge : all) {
+    if (edge.ends[1] >= vertex_of_place.size()) continue;
+    const std::array<uint32_t, 2> ends = {vertex_of_place[edge.ends[0]], vertex_of_place[edge.ends[1]]};
+    const std::array<uint32_t, 2> sorted = {std::min(ends[0], ends[1]), std::max(ends[0], ends[1])};
+    if (std::binary_search(own.begin(), own.end(), sorted)) edges.push_back(sorted);
+  }
+  std::sort(edges.begin(), edges.end());
+  std::fill(vertices->shared.begin(), vertices->shared.end(), 0);
+  BorderCollapser collapser(*vertices, faces);
   for (const std::vector<uint32_t>& chain : BorderChains(edges, positions, is_end).chains) {
     std::vector<Eigen::Vector3d> points;
     for (const uint32_t v : chain) points.push_back(positions[v]);
-    bool is_free = true;
-    for (size_t i = 1; i < points.size() && is_free; ++i) {
-      is_free = !std::binary_search(shared.begin(), shared.end(), between(points[i - 1], points[i]));
+    if (is_free[chain.front()] || is_free[chain.back()]) {
+      uint32_t target = is_free[chain.front()] ? chain.back() : chain.front();
+      const bool both = is_free[target] != 0;
+      if (both && ComesBefore(positions[chain.front()], positions[target])) target = chain.front();
+      const Eigen::Vector3d& at = positions[target];
+      if (std::all_of(points.begin(), points.end(), [&](const auto& p) { return (p - at).norm() <= free_m; })) {
+        collapser.Shrink(chain, target);
+        if (!both) vertices->shared[target] = 1;
+        continue;
+      }
     }
-    collapser.Add(chain, SimplifyTiles3dChain(points, is_free ? free_m : tolerance_m));
+    const std::vector<size_t> kept = SimplifyTiles3dChain(points, tolerance_m);
+    collapser.Add(chain, kept);
+    if (kept.size() == 2 && chain.front() == chain.back()) continue;  // it shrinks to a point
+    for (const size_t i : kept) vertices->shared[chain[i]] = 1;
   }
-  return collapser.Collapse();
+  const Tiles3dFaces thinned = collapser.Collapse(source);
+  if (thinned.size() > 0) return thinned;
+  source->resize(faces.size());  // a tile has a face at least
+  std::iota(source->begin(), source->end(), 0);
+  return faces;
 }
 
 std::vector<size_t> SimplifyTiles3dChain(const std::vector<Eigen::Vector3d>& chain, double tolerance_m) {

@@ -108,12 +108,11 @@ class TileSetJoiner {
   Status Simplify(int level, const std::vector<UpperTile>& level_tiles, UpperTile* tile,
                   std::vector<std::string>* files) const {
     TESSERA_ASSIGN_OR_RETURN(Tiles3dPart part, ReadTiles3dPart(tile->part_path, set_));
-    std::vector<Tiles3dEdge> borders;
+    std::vector<std::vector<Tiles3dEdge>> borders;
     for (const UpperTile& other : level_tiles) {
       if (&other == tile || !other.tile.box.intersects(part.box)) continue;
-      TESSERA_ASSIGN_OR_RETURN(const std::vector<Tiles3dEdge> border,
-                               ReadTiles3dBorder(other.part_path + kBorderEnding));
-      borders.insert(borders.end(), border.begin(), border.end());
+      TESSERA_ASSIGN_OR_RETURN(std::vector<Tiles3dEdge> border, ReadTiles3dBorder(other.part_path + kBorderEnding));
+      borders.push_back(std::move(border));
     }
     const double side_m = std::ldexp(kSheetCells * input_.scene.ground.cell_m, level);
     const bool photographic = input_.options.color == VertexColor::kImage && !part.mesh.vertices.colors.empty();

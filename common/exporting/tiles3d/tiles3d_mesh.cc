@@ -1,11 +1,9 @@
 #include "common/exporting/tiles3d/tiles3d_mesh.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <utility>
 
 #include "common/base/random.h"
-#include "common/geometry/nearest_surface.h"
 
 namespace tessera {
 namespace {
@@ -19,13 +17,6 @@ std::vector<T> TakeTiles3d(const std::vector<T>& values, const std::vector<uint3
   taken.reserve(which.size());
   for (const uint32_t i : which) taken.push_back(values[i]);
   return taken;
-}
-
-TriangleMesh TileSurfaceOf(const Tiles3dVertices& vertices, const Tiles3dFaces& faces) {
-  TriangleMesh mesh;
-  mesh.vertices = vertices.positions;
-  mesh.faces = faces.corners;
-  return mesh;
 }
 
 }  // namespace
@@ -56,6 +47,7 @@ Tiles3dMesh CompactTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& 
   mesh.vertices.confidence = TakeTiles3d(vertices.confidence, mesh.vertex_of);
   mesh.vertices.displacement_m = TakeTiles3d(vertices.displacement_m, mesh.vertex_of);
   mesh.vertices.colors = TakeTiles3d(vertices.colors, mesh.vertex_of);
+  mesh.vertices.shared = TakeTiles3d(vertices.shared, mesh.vertex_of);
   return mesh;
 }
 
@@ -92,15 +84,6 @@ std::vector<uint8_t> Tiles3dBorder(const Tiles3dFaces& faces, size_t vertex_coun
   std::vector<uint8_t> border(vertex_count);
   std::transform(sums.begin(), sums.end(), border.begin(), [](uint64_t sum) { return sum != 0 ? 1 : 0; });
   return border;
-}
-
-double Tiles3dDistance(const std::vector<Eigen::Vector3d>& points, const Tiles3dVertices& vertices,
-                       const Tiles3dFaces& faces) {
-  const TriangleMesh mesh = TileSurfaceOf(vertices, faces);
-  const NearestSurface surface(mesh);
-  double distance_m = 0;
-  for (const Eigen::Vector3d& p : points) distance_m = std::max(distance_m, surface.Find(p).distance_m);
-  return distance_m;
 }
 
 }  // namespace tessera

@@ -22,6 +22,7 @@ struct Tiles3dVertices {
   std::vector<float> confidence;           // in [0, 1]; empty: not known
   std::vector<float> displacement_m;       // empty: not known
   std::vector<Rgb> colors;                 // sRGB; empty: a vertex has the colour of its class
+  std::vector<uint8_t> shared;             // 1: other tiles may have the vertex too
 };
 
 // Triangles over shared vertices.
@@ -35,6 +36,12 @@ struct Tiles3dFaces {
   }
   void Append(const Tiles3dFaces& other);
   size_t size() const { return corners.size(); }
+};
+
+// A point of the finest mesh, by which a coarser one measures its distance.
+struct Tiles3dPoint {
+  Eigen::Vector3d position;
+  uint32_t face = 0;  // index of a face that it is near to
 };
 
 // Faces with the vertices that they use.
@@ -53,11 +60,7 @@ struct Tiles3dWedges {
 };
 Tiles3dWedges MakeTiles3dWedges(const Tiles3dFaces& faces, size_t vertex_count);
 
-// Per vertex of the mesh: 1 if one of its edges has a face on one side only.
+// Per vertex of the mesh: 1 if its faces do not surround it.
 std::vector<uint8_t> Tiles3dBorder(const Tiles3dFaces& faces, size_t vertex_count);
-
-// The largest distance in metres of a point to the surface of the faces, which are at least one; 0 without points.
-double Tiles3dDistance(const std::vector<Eigen::Vector3d>& points, const Tiles3dVertices& vertices,
-                       const Tiles3dFaces& faces);
 
 }  // namespace tessera

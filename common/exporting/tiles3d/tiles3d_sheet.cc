@@ -14,6 +14,7 @@
 #include "common/exporting/tiles3d/tiles3d_simplify.h"
 #include "common/exporting/tiles3d/tiles3d_tileset.h"
 #include "common/exporting/tiles3d/tiles3d_upper.h"
+#include "common/geometry/position_index.h"
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -28,6 +29,7 @@ struct TileNode {
   Tiles3dFaces faces;                // of its content
   std::vector<Tiles3dPoint> points;  // vertices of the leaves below that `faces` lack
   std::vector<int> children;         // empty: a leaf
+  int parent = -1;                   // -1: the root
   int height = 0;                    // above the leaves
   double side_m = 0;                 // of its square
   double error_m = 0;
@@ -37,28 +39,53 @@ struct TileNode {
 // The quadtree over a sheet. Children come before their parents, the root is last.
 class TileTree {
  public:
-  TileTree(const Sheet& sheet, const GroundPlane& ground, const SheetId& id, size_t leaf_faces)
-      : sheet_(sheet), leaf_faces_(leaf_faces) {
+  // `corners`: of the sheet's faces.
+  TileTree(const Sheet& sheet, const std::vector<Triangle>& corners, const GroundPlane& ground, const SheetId& id,
+           size_t leaf_faces)
+      : sheet_(sheet), corners_(corners), leaf_faces_(leaf_faces) {
     const CellRect cells = CellsOf(id);
     const Eigen::Vector2d low = Eigen::Vector2d(cells.x0, cells.y0) * ground.cell_m;
-    std::vector<uint32_t> faces(sheet.faces.size());
+    std::vector<uint32_t> faces(corners.size());
     for (uint32_t f = 0; f < faces.size(); ++f) {
       faces[f] = f;
       centroids_.push_back(ground.Coordinates(sheet.mesh().Centroid(f)));
     }
     const double half_m = kSheetCells * ground.cell_m / 2;
     if (!faces.empty()) Add(faces, low.array() + half_m, half_m / 2, 0);
+    for (int i = 0; i < static_cast<int>(nodes.size()); ++i) {
+      for (const int child : nodes[i].children) nodes[child].parent = i;
+    }
+  }
+
+  // Per vertex: the lowest node that has all of its faces.
+  std::vector<int> NodesOfVertices() const {
+    std::vector<int> common(sheet_.vertices.size(), -1);
+    for (int i = 0; i < static_cast<int>(nodes.size()); ++i) {
+      for (const Triangle& face : nodes[i].faces.corners) {
+        for (const uint32_t v : face) common[v] = common[v] < 0 ? i : Common(common[v], i);
+      }
+    }
+    return common;
   }
 
   std::vector<TileNode> nodes;
 
  private:
+  // Of two nodes. A parent has a higher index than its children.
+  int Common(int a, int b) const {
+    while (a != b) {
+      int& low = a < b ? a : b;
+      low = nodes[low].parent;
+    }
+    return a;
+  }
+
   // Adds the node of `faces` in the square around `centre`; returns its index. `quarter_m`: a quarter of its side.
   int Add(std::span<uint32_t> faces, const Eigen::Vector2d& centre, double quarter_m, int depth) {
     TileNode node;
     node.side_m = 4 * quarter_m;
     if (faces.size() <= leaf_faces_) {
-      for (const uint32_t f : faces) node.faces.Add(sheet_.faces[f], sheet_.labels[f]);
+      for (const uint32_t f : faces) node.faces.Add(corners_[f], sheet_.labels[f]);
     } else {
       std::array<std::vector<uint32_t>, 4> quadrants;
       for (size_t i = 0; i < faces.size(); ++i) {
@@ -80,11 +107,39 @@ class TileTree {
   }
 
   const Sheet& sheet_;
+  const std::vector<Triangle>& corners_;
   const size_t leaf_faces_;
   std::vector<Eigen::Vector2d> centroids_;
 };
 
-StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const SheetInput& input, const GlobeMap& globe) {
+// One vertex a position for the corners on the border; sets vertices->shared.
+void WeldTileBorder(const Sheet& sheet, std::vector<Triangle>* corners, Tiles3dVertices* vertices) {
+  const size_t count = vertices->positions.size();
+  Tiles3dFaces faces;
+  faces.corners.swap(*corners);
+  const std::vector<uint8_t> border = Tiles3dBorder(faces, count);
+  vertices->shared = sheet.shared.empty() ? border : sheet.shared;
+  PositionIndex positions;
+  std::vector<uint32_t> first, welded(count);
+  for (uint32_t v = 0; v < count; ++v) {
+    welded[v] = v;
+    if (!border[v]) continue;
+    const uint32_t number = positions.NumberOf(vertices->positions[v]);
+    if (number == first.size()) first.push_back(v);
+    welded[v] = first[number];
+    vertices->shared[welded[v]] |= vertices->shared[v];
+  }
+  corners->swap(faces.corners);
+  for (Triangle& face : *corners) {
+    const Triangle out = {welded[face[0]], welded[face[1]], welded[face[2]]};
+    if (out[0] != out[1] && out[1] != out[2] && out[2] != out[0]) face = out;
+  }
+}
+
+// Vertices of the sheet with the flag of those that other sheets may have. Replaces corners of the faces on the border
+// so that they have one vertex a position.
+StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const SheetInput& input, const GlobeMap& globe,
+                                         std::vector<Triangle>* corners) {
   Tiles3dVertices vertices;
   vertices.positions = sheet.vertices;
   TESSERA_RETURN_IF_ERROR(globe.EnuFromLocal(vertices.positions));
@@ -92,12 +147,13 @@ StatusOr<Tiles3dVertices> TileVerticesOf(const Sheet& sheet, const SheetInput& i
     p = (p / kTiles3dGrid_m).array().round() * kTiles3dGrid_m + 0.0;  // + 0.0: no -0
   }
   vertices.displacement_m = sheet.displacement_m;
+  WeldTileBorder(sheet, corners, &vertices);
   // Means of the faces around a vertex, by area.
   vertices.normals.assign(sheet.vertices.size(), Eigen::Vector3f::Zero());
   std::vector<float> areas(sheet.confidence.empty() ? 0 : sheet.vertices.size(), 0);
   vertices.confidence.assign(areas.size(), 0);
-  for (size_t f = 0; f < sheet.faces.size(); ++f) {
-    const Triangle& face = sheet.faces[f];
+  for (size_t f = 0; f < corners->size(); ++f) {
+    const Triangle& face = (*corners)[f];
     const Eigen::Vector3d& a = vertices.positions[face[0]];
     const Eigen::Vector3f cross =
         (vertices.positions[face[1]] - a).cross(vertices.positions[face[2]] - a).cast<float>();
@@ -140,8 +196,11 @@ class TileSetWriter {
     Tiles3dPart part;
     part.set = set_;
     if (sheet_.faces.empty()) return part;
-    TESSERA_ASSIGN_OR_RETURN(vertices_, TileVerticesOf(sheet_, input_, globe));
-    std::vector<TileNode> nodes = TileTree(sheet_, input_.scene.ground, input_.id, sizes_.leaf_faces).nodes;
+    std::vector<Triangle> corners = sheet_.faces;
+    TESSERA_ASSIGN_OR_RETURN(vertices_, TileVerticesOf(sheet_, input_, globe, &corners));
+    TileTree tree(sheet_, corners, input_.scene.ground, input_.id, sizes_.leaf_faces);
+    node_of_vertex_ = tree.NodesOfVertices();
+    std::vector<TileNode> nodes = std::move(tree.nodes);
     const std::string subfolder = absl::StrCat(set_, "/", SheetName(input_.id));
     TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(folder_, "/", subfolder)));
     std::vector<Status> results(nodes.size());
@@ -164,10 +223,9 @@ class TileSetWriter {
     part.mesh = CompactTiles3d(vertices_, nodes.back().faces);
     part.box = root.box;
     part.error_m = root.error_m;
-    part.samples = part.mesh.vertices.positions;
     const std::vector<Tiles3dPoint>& points = nodes.back().points;
     const size_t step = points.size() / kTiles3dSamples + 1;
-    for (size_t i = 0; i < points.size(); i += step) part.samples.push_back(points[i].position);
+    for (size_t i = 0; i < points.size(); i += step) part.samples.push_back(points[i]);
     part.samples_error_m = root.error_m;
     return part;
   }
@@ -198,7 +256,11 @@ class TileSetWriter {
       faces = mesh.faces;
     } else {
       const Tiles3dTarget target = Tiles3dTargetOf(sizes_, node.side_m, photographic);
-      Tiles3dLevel level = SimplifyTiles3d(mesh.vertices, mesh.faces, target, points);
+      std::vector<uint8_t> fixed;
+      for (const uint32_t v : mesh.vertex_of) {
+        fixed.push_back(vertices_.shared[v] != 0 || node_of_vertex_[v] > static_cast<int>(index) ? 1 : 0);
+      }
+      Tiles3dLevel level = SimplifyTiles3d(mesh.vertices, mesh.faces, target, fixed, points);
       faces = std::move(level.faces);
       node.points = std::move(level.points);
       // The parent's error is larger, also where nothing was simplified.
@@ -217,6 +279,7 @@ class TileSetWriter {
   const std::string folder_;
   const Tiles3dSizes sizes_;
   Tiles3dVertices vertices_;
+  std::vector<int> node_of_vertex_;  // the lowest node that has all faces of the vertex
 };
 
 }  // namespace

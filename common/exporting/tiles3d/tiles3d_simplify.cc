@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/exporting/tiles3d/tiles3d_pieces.h"
 #include "common/geometry/nearest_surface.h"
 
 namespace tessera {
@@ -26,6 +27,12 @@ constexpr size_t kCollapseValence = 40;
 // By which the distance grows while too many faces are left.
 constexpr double kCollapseGrowth = 1.4142135623730951;
 constexpr int kCollapseSteps = 16;
+// Pieces whose box has a diagonal below this part of the distance may be left out.
+constexpr double kCollapsePiece = 0.5;
+// The same while too many faces are left: the distance cannot be kept otherwise.
+constexpr double kCollapseLargestPiece = 8;
+// How often small pieces are left out before the distance grows.
+constexpr int kCollapseRounds = 3;
 // A face that is nearer than this part of the allowed squared distance need not be the nearest.
 constexpr double kCollapseNear = 1.0 / 16;
 // Weight of the quadrics of borders of classes.
@@ -60,17 +67,18 @@ struct RingVertex {
   uint32_t vertex = 0;
   int32_t label = 0;     // of the first face on their edge
   bool is_seam = false;  // the faces on their edge are of different classes
+  int faces = 1;         // on their edge
 };
 
 class TileCollapser {
  public:
   TileCollapser(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, const std::vector<Tiles3dPoint>& points,
-                std::vector<uint8_t> border)
+                std::vector<uint8_t> fixed)
       : faces_(faces.corners),
         labels_(faces.labels),
         left_(faces.size()),
         is_alive_(faces.size(), 1),
-        is_border_(std::move(border)),
+        is_fixed_(std::move(fixed)),
         first_point_(faces.size(), kNoCollapse) {
     const size_t count = vertices.positions.size();
     Eigen::AlignedBox3d box;
@@ -105,7 +113,7 @@ class TileCollapser {
   void Collapse(double distance_m, size_t enough) {
     squared_ = distance_m * distance_m;
     for (uint32_t v = 0; v < positions_.size(); ++v) {
-      if (!is_border_[v] && !faces_of_[v].empty()) Push(v);
+      if (!is_fixed_[v] && !faces_of_[v].empty()) Push(v);
     }
     while (!queue_.empty() && left_ > enough) {
       const auto [key, v] = queue_.top();
@@ -131,6 +139,8 @@ class TileCollapser {
     std::fill(quadrics_.begin(), quadrics_.end(), PlaneQuadric());
     AddPlaneQuadrics();
   }
+  // From now on, faces may turn over: tiles show both sides.
+  void AllowTurns() { keeps_turn_ = false; }
   size_t left() const { return left_; }
 
   Tiles3dLevel Level() const {
@@ -179,7 +189,7 @@ class TileCollapser {
     for (uint32_t v = 0; v < positions_.size(); ++v) {
       FindRing(v);
       for (const RingVertex& n : ring_) {
-        if (!n.is_seam || n.vertex < v) continue;
+        if (!n.is_seam || n.vertex < v || (is_fixed_[v] && is_fixed_[n.vertex])) continue;
         const Eigen::Vector3d edge = positions_[n.vertex] - positions_[v];
         for (const uint32_t f : faces_of_[v]) {
           const Triangle& face = faces_[f];
@@ -202,10 +212,15 @@ class TileCollapser {
       for (const uint32_t n : faces_[f]) {
         if (n == v) continue;
         auto it = std::find_if(ring_.begin(), ring_.end(), [n](const RingVertex& r) { return r.vertex == n; });
-        if (it == ring_.end()) it = ring_.insert(ring_.end(), {n, labels_[f], false});
-        it->is_seam = it->is_seam || it->label != labels_[f];
+        if (it == ring_.end()) {
+          ring_.push_back({n, labels_[f]});
+        } else {
+          it->is_seam = it->is_seam || it->label != labels_[f];
+          ++it->faces;
+        }
       }
     }
+    for (RingVertex& r : ring_) r.is_seam = r.is_seam || r.faces != 2;
     return static_cast<int>(std::count_if(ring_.begin(), ring_.end(), [](const RingVertex& r) { return r.is_seam; }));
   }
 
@@ -240,16 +255,16 @@ class TileCollapser {
       CollapseInto(v, target);
       FindRing(target);
       const std::vector<RingVertex> around = ring_;
-      if (!is_border_[target]) Push(target);
+      if (!is_fixed_[target]) Push(target);
       for (const RingVertex& n : around) {
-        if (!is_border_[n.vertex]) Push(n.vertex);
+        if (!is_fixed_[n.vertex]) Push(n.vertex);
       }
       return;
     }
   }
 
-  // Whether the surface keeps its topology (link condition) and no face turns over if v goes to `target`. ring_ is that
-  // of v. Fills moved_ with the faces that v has afterwards.
+  // Whether the surface keeps its topology (link condition) and no face turns over, as far as both are kept, if v goes
+  // to `target`. ring_ is that of v. Fills moved_ with the faces that v has afterwards.
   bool Fits(uint32_t v, uint32_t target) {
     moved_.clear();
     vanished_.clear();
@@ -275,11 +290,38 @@ class TileCollapser {
       const Eigen::Vector3d before = Cross(face);
       std::replace(face.begin(), face.end(), v, target);
       const Eigen::Vector3d after = Cross(face);
-      if (before.squaredNorm() > 0 && before.dot(after) <= kCollapseTurn * before.norm() * after.norm()) return false;
+      if (keeps_turn_ && before.squaredNorm() > 0 &&
+          before.dot(after) <= kCollapseTurn * before.norm() * after.norm()) {
+        return false;
+      }
       moved_.push_back({f, face});
     }
-    return !moved_.empty() && (common == lost || !keeps_all_) && (vanished_.empty() || !keeps_all_) &&
-           faces_of_[target].size() + moved_.size() <= kCollapseValence + lost;
+    const bool keeps_topology = keeps_all_ || is_fixed_[target] != 0;
+    return !moved_.empty() && (common == lost || !keeps_topology) && (vanished_.empty() || !keeps_topology) &&
+           faces_of_[target].size() + moved_.size() <= kCollapseValence + lost &&
+           (is_fixed_[target] == 0 || KeepsFixedEdges(v, target));
+  }
+
+  // Whether each edge of `target` and another fixed vertex keeps a face if v goes to `target`.
+  bool KeepsFixedEdges(uint32_t v, uint32_t target) const {
+    for (const uint32_t f : faces_of_[v]) {
+      const Triangle& face = faces_[f];
+      if (std::find(face.begin(), face.end(), target) == face.end()) continue;
+      for (const uint32_t n : face) {
+        if (n == v || n == target || !is_fixed_[n]) continue;
+        const auto has_n = [n](const Triangle& other) {
+          return std::find(other.begin(), other.end(), n) != other.end();
+        };
+        const bool stays =
+            std::any_of(moved_.begin(), moved_.end(), [&](const auto& moved) { return has_n(moved.second); }) ||
+            std::any_of(faces_of_[target].begin(), faces_of_[target].end(), [&](uint32_t other) {
+              const Triangle& corners = faces_[other];
+              return has_n(corners) && std::find(corners.begin(), corners.end(), v) == corners.end();
+            });
+        if (!stays) return false;
+      }
+    }
+    return true;
   }
 
   // Whether all faces of n have v and `target`.
@@ -352,7 +394,7 @@ class TileCollapser {
   std::vector<int32_t> labels_;
   size_t left_;
   double squared_ = 0;  // the square of the largest distance
-  std::vector<uint8_t> is_alive_, is_border_;
+  std::vector<uint8_t> is_alive_, is_fixed_;
   std::vector<std::vector<uint32_t>> faces_of_;
   std::vector<PlaneQuadric> quadrics_;
   // Vertices, then other points. Those that are no vertices of faces any more are in lists of faces near to them.
@@ -362,7 +404,7 @@ class TileCollapser {
   std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue_;
   std::vector<uint32_t> marks_;  // per vertex
   uint32_t mark_ = 0;
-  bool keeps_all_ = true;
+  bool keeps_all_ = true, keeps_turn_ = true;
   // Of the vertex that is looked at.
   std::vector<RingVertex> ring_;
   std::vector<Entry> targets_;
@@ -374,23 +416,46 @@ class TileCollapser {
 }  // namespace
 
 Tiles3dLevel SimplifyTiles3d(const Tiles3dVertices& vertices, const Tiles3dFaces& faces, const Tiles3dTarget& target,
-                             const std::vector<Tiles3dPoint>& points) {
-  const std::vector<uint8_t> border = Tiles3dBorder(faces, vertices.positions.size());
-  const auto border_count = static_cast<size_t>(std::count(border.begin(), border.end(), 1));
-  const size_t enough = target.min_faces + border_count, most = std::max(target.max_faces + border_count, enough);
-  const size_t with_classes = std::max(target.class_faces + border_count, enough);
-  TileCollapser collapser(vertices, faces, points, border);
+                             const std::vector<uint8_t>& fixed, const std::vector<Tiles3dPoint>& points) {
+  const auto fixed_count = static_cast<size_t>(std::count(fixed.begin(), fixed.end(), 1));
+  const size_t enough = target.min_faces + fixed_count, most = std::max(target.max_faces + fixed_count, enough);
+  const size_t with_classes = std::max(target.class_faces + fixed_count, enough);
   double distance_m = target.distance_m;
-  collapser.Collapse(distance_m, enough);
-  if (collapser.left() > with_classes) {
+  Tiles3dLevel level;
+  {
+    TileCollapser collapser(vertices, faces, points, fixed);
+    collapser.Collapse(distance_m, enough);
+    if (collapser.left() > with_classes) {
+      collapser.KeepDistancesOnly();
+      collapser.Collapse(distance_m, with_classes);
+    }
+    if (collapser.left() > with_classes) {
+      collapser.AllowTurns();
+      collapser.Collapse(distance_m, with_classes);
+    }
+    level = collapser.Level();
+  }
+  // What is left has many small pieces: leaves of trees, or a surface that is no manifold.
+  double piece = 0;  // size of pieces that may be left out, as a part of the distance
+  for (int step = 0; step < kCollapseRounds + kCollapseSteps && level.faces.size() > with_classes; ++step) {
+    if (step > 0) piece = std::max(piece, kCollapsePiece);
+    if (step >= kCollapseRounds) {
+      if (level.faces.size() <= most) break;
+      if (piece < kCollapseLargestPiece) {
+        piece *= 2;
+      } else {
+        distance_m *= kCollapseGrowth;
+      }
+    }
+    const Tiles3dPieceLimits limits = {distance_m, piece * distance_m, with_classes};
+    level.faces = WithoutSmallTiles3dPieces(vertices, level.faces, fixed, limits, &level.points);
+    TileCollapser collapser(vertices, level.faces, level.points, fixed);
     collapser.KeepDistancesOnly();
+    collapser.AllowTurns();
     collapser.Collapse(distance_m, with_classes);
+    level = collapser.Level();
   }
-  for (int step = 0; step < kCollapseSteps && collapser.left() > most; ++step) {
-    distance_m *= kCollapseGrowth;
-    collapser.Collapse(distance_m, most);
-  }
-  return collapser.Level();
+  return level;
 }
 
 }  // namespace tessera

@@ -17,9 +17,9 @@ Tiles3dTarget Tiles3dTargetOf(const Tiles3dSizes& sizes, double side_m, bool pho
 Tiles3dPart MergeTiles3dParts(std::vector<Tiles3dPart> children);
 
 // Thins the border of the part's mesh and simplifies it, as a tile of level `level` (1: of two by two sheets).
-// `borders`: the border edges of the other tiles of the level that touch it, not thinned. `side_m`: of its square.
+// `borders`: Tiles3dSharedEdges of each other tile of the level that touches it, not thinned. `side_m`: of its square.
 // Returns the geometric error of the tile, which is larger than `children_error_m`. Updates part->error_m.
-double SimplifyTiles3dPart(const std::vector<Tiles3dEdge>& borders, double side_m, double children_error_m,
+double SimplifyTiles3dPart(const std::vector<std::vector<Tiles3dEdge>>& borders, double side_m, double children_error_m,
                            bool photographic, const Tiles3dSizes& sizes, Tiles3dPart* part);
 
 }  // namespace tessera

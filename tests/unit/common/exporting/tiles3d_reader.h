@@ -201,7 +201,15 @@ struct ExportedTerrain {
         add(turned ? Triangle{v, both, up} : Triangle{right, both, up}, label);
       }
     }
-    for (auto& [id, sheet] : sheets) sheet.displacement_m.assign(sheet.vertices.size(), 0.25f);
+    std::map<uint32_t, int> uses;
+    for (const auto& [id, of_sheet] : numbers) {
+      for (const auto& [v, number] : of_sheet) ++uses[v];
+    }
+    for (auto& [id, sheet] : sheets) {
+      sheet.displacement_m.assign(sheet.vertices.size(), 0.25f);
+      sheet.shared.resize(sheet.vertices.size());
+      for (const auto& [v, number] : numbers[id]) sheet.shared[number] = uses[v] > 1 ? 1 : 0;
+    }
   }
 
   // Writes all; the start of each sheet is the sheet moved down, if `with_start`.
