@@ -7,12 +7,16 @@
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
+#include <limits>
 #include <string>
 
 #include "common/base/parallel.h"
 
 namespace tessera {
 namespace {
+
+constexpr int kLargestHeapBlock_bytes = 32 << 20;  // the largest value that mallopt accepts on 64-bit systems
+constexpr int kHeapGrowth_bytes = 4 << 20;         // the heap grows by at least this
 
 double CoreSeconds() {
   rusage usage = {};
@@ -47,6 +51,13 @@ bool ResetPeak() {
 
 }  // namespace
 
+void KeepFreedMemory(int64_t bytes) {
+  mallopt(M_ARENA_MAX, 1);
+  mallopt(M_MMAP_THRESHOLD, kLargestHeapBlock_bytes);
+  mallopt(M_TRIM_THRESHOLD, static_cast<int>(std::min<int64_t>(bytes, std::numeric_limits<int>::max())));
+  mallopt(M_TOP_PAD, kHeapGrowth_bytes);
+}
+
 TaskUsageMeter::TaskUsageMeter(bool with_peak) : with_peak_(with_peak) {
   if (with_peak_) {
     malloc_trim(0);
@@ -68,10 +79,12 @@ TaskUsage TaskUsageMeter::Read() const {
 }
 
 bool PeakSampling::IsDue(const std::string& kind, Clock::time_point now) {
-  constexpr std::chrono::seconds kApart{10};
-  const auto [measured, is_first] = measured_.try_emplace(kind, now);
-  if (!is_first && now - measured->second < kApart) return false;
-  measured->second = now;
+  constexpr std::chrono::seconds kFirstPause{10}, kLongestPause{600};
+  const auto [entry, is_first] = measured_.try_emplace(kind, Measured{now, kFirstPause});
+  Measured& measured = entry->second;
+  if (is_first) return true;
+  if (now - measured.last < measured.pause) return false;
+  measured = {now, std::min(2 * measured.pause, kLongestPause)};
   return true;
 }
 

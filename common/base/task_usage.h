@@ -1,4 +1,4 @@
-// Measures the processor time and memory of a task.
+// Measures the processor time and memory of a task; how a process keeps memory between tasks.
 #pragma once
 
 #include <chrono>
@@ -7,6 +7,12 @@
 #include <string>
 
 namespace tessera {
+
+// Freed memory stays with the process, up to `bytes` of it at the end of the heap, and blocks of up to 32 MiB are taken
+// from there: memory that every step of a tile uses again is not given back to the system and mapped page by page each
+// time. All threads share one heap, so that what one of them frees serves the others. Call it at the start of a
+// program, before starting threads.
+void KeepFreedMemory(int64_t bytes);
 
 struct TaskUsage {
   double core_seconds = 0;  // processor time of all threads, user and system
@@ -37,11 +43,16 @@ class TaskUsageMeter {
 class PeakSampling {
  public:
   using Clock = std::chrono::steady_clock;
-  // True for the first task of a kind, and again when 10 s have passed since the last task with result true.
+  // True for the first task of a kind, and again 10, 30, 70, 150, ... s after the first: each time at least twice as
+  // long after the last task with result true as before, at most 10 min.
   bool IsDue(const std::string& kind, Clock::time_point now = Clock::now());
 
  private:
-  std::map<std::string, Clock::time_point> measured_;
+  struct Measured {
+    Clock::time_point last;
+    std::chrono::seconds pause;  // until the next
+  };
+  std::map<std::string, Measured> measured_;
 };
 
 }  // namespace tessera

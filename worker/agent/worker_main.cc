@@ -19,6 +19,7 @@
 #include "common/access/secrets.h"
 #include "common/base/machine_limits.h"
 #include "common/base/parallel.h"
+#include "common/base/task_usage.h"
 #include "common/base/version.h"
 #include "common/log/log.h"
 #include "common/storage/files.h"
@@ -26,6 +27,9 @@
 #include "worker/tasks/task.h"
 
 namespace {
+
+// Share of a worker's memory that may stay with the process when it is free.
+constexpr int64_t kFreeShare = 8, kMostFree_bytes = int64_t{1} << 30;
 
 struct Flags {
   tessera::Endpoint coordinator = tessera::DefaultAddress();
@@ -200,6 +204,7 @@ int main(int argc, char** argv) {
     flags.work_dir = own_folder->path();
   }
   tessera::SetMemoryLimit(flags.memory_bytes);
+  tessera::KeepFreedMemory(std::min(tessera::MemoryLimit_bytes() / kFreeShare, kMostFree_bytes));
   tessera::AgentOptions options;
   options.coordinator = flags.coordinator;
   options.work_dir = std::filesystem::absolute(flags.work_dir).string();

@@ -1,6 +1,9 @@
 #include "common/base/task_usage.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <fstream>
@@ -66,7 +69,40 @@ TEST(TaskUsageTest, PeakIsZeroWhenNotMeasured) {
   EXPECT_GE(meter.Read().threads, 1);
 }
 
-TEST(PeakSamplingTest, FirstTaskOfAKindIsDueThenOnePerTenSeconds) {
+// Page faults of writing 16 MiB of new memory, twice, in a new process that may keep `kept_bytes`: those of the second.
+int64_t FaultsOfReuse(int64_t kept_bytes) {
+  int ends[2];
+  if (pipe(ends) != 0) return -1;
+  if (const pid_t child = fork(); child == 0) {
+    KeepFreedMemory(kept_bytes);
+    int64_t faults[2] = {0, 0};
+    for (int64_t& of : faults) {
+      rusage before = {}, after = {};
+      getrusage(RUSAGE_SELF, &before);
+      std::vector<char> block(16 * kMiB);
+      for (size_t i = 0; i < block.size(); i += 1024) block[i] = static_cast<char>(i + 1);
+      getrusage(RUSAGE_SELF, &after);
+      of = after.ru_minflt - before.ru_minflt;
+    }
+    _exit(write(ends[1], &faults[1], sizeof(faults[1])) == sizeof(faults[1]) ? 0 : 1);
+  } else {
+    int64_t faults = -1;
+    if (read(ends[0], &faults, sizeof(faults)) != sizeof(faults)) faults = -1;
+    waitpid(child, nullptr, 0);
+    close(ends[0]);
+    close(ends[1]);
+    return faults;
+  }
+}
+
+TEST(KeepFreedMemory, FreedBlocksAreUsedAgainWithoutPageFaults) {
+  const int64_t kept = FaultsOfReuse(64 * kMiB), given_back = FaultsOfReuse(0);
+  ASSERT_GE(kept, 0);
+  EXPECT_LT(kept, 100);
+  EXPECT_GT(given_back, 1000) << "the bound holds";
+}
+
+TEST(PeakSamplingTest, PausesBetweenTasksOfAKindDouble) {
   PeakSampling sampling;
   const PeakSampling::Clock::time_point start;
   const auto after = [&](int seconds) { return start + std::chrono::seconds(seconds); };
@@ -75,8 +111,11 @@ TEST(PeakSamplingTest, FirstTaskOfAKindIsDueThenOnePerTenSeconds) {
   EXPECT_TRUE(sampling.IsDue("solve", after(1))) << "each kind has its own";
   EXPECT_FALSE(sampling.IsDue("measure", after(9)));
   EXPECT_TRUE(sampling.IsDue("measure", after(10)));
-  EXPECT_FALSE(sampling.IsDue("measure", after(19))) << "counted from the last that was measured";
-  EXPECT_TRUE(sampling.IsDue("measure", after(20)));
+  EXPECT_FALSE(sampling.IsDue("measure", after(29))) << "counted from the last that was measured";
+  EXPECT_TRUE(sampling.IsDue("measure", after(30)));
+  int measured = 0;
+  for (int seconds = 31; seconds < 36000; ++seconds) measured += sampling.IsDue("measure", after(seconds));
+  EXPECT_NEAR(measured, 64, 2) << "a pause is 10 min at most";
 }
 
 }  // namespace
