@@ -1,6 +1,7 @@
 #include "worker/photo/stored_texels.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 
@@ -80,30 +81,79 @@ void ClearAround(const PixelRect& inside, const Texels& texels, LineVector<T>* p
   }
 }
 
+// Rows of planes of a level: where they are mapped, or copied from the file in bands that stay in the cache. Not
+// thread-safe.
+template <class T>
+class RowReader {
+ public:
+  // `planes`: of `width` x `height` values each, one after the other. Rows up to `end` will be read, in ascending
+  // order.
+  RowReader(const StoredTexels& from, std::span<const T> planes, int width, int height, int end)
+      : from_(from), planes_(planes), width_(width), height_(height), end_(end) {}
+
+  // Row y of `count` planes from `first` on, then repeats of the last plane's. Valid until the next call.
+  std::array<const T*, Texels::kClassesPerPlane> Rows(size_t first, size_t count, int y) {
+    std::array<const T*, Texels::kClassesPerPlane> rows;
+    const size_t width = width_, plane = width * height_;
+    if (!from_.copy || failed_) {
+      rows.fill(planes_.data() + (first + count - 1) * plane + y * width);
+      for (size_t l = 0; l < count; ++l) rows[l] = planes_.data() + (first + l) * plane + y * width;
+      return rows;
+    }
+    if (y < band_begin_ || y >= band_end_ || first != band_first_) {
+      const auto rows_of_band = std::max<size_t>(1, kBandBytes / std::max<size_t>(1, width * count * sizeof(T)));
+      band_first_ = first;
+      band_begin_ = y;
+      band_end_ = static_cast<int>(std::min<size_t>(end_, y + rows_of_band));
+      const size_t values = (band_end_ - band_begin_) * width;
+      band_.resize(values * count);
+      for (size_t l = 0; l < count && !failed_; ++l) {
+        failed_ = !from_.copy(planes_.data() + (first + l) * plane + y * width, values * sizeof(T), &band_[l * values]);
+      }
+      if (failed_) return Rows(first, count, y);
+    }
+    const size_t values = (band_end_ - band_begin_) * width;
+    rows.fill(&band_[(count - 1) * values + (y - band_begin_) * width]);
+    for (size_t l = 0; l < count; ++l) rows[l] = &band_[l * values + (y - band_begin_) * width];
+    return rows;
+  }
+
+ private:
+  static constexpr size_t kBandBytes = size_t{1} << 18;
+  const StoredTexels& from_;
+  const std::span<const T> planes_;
+  const int width_, height_, end_;
+  std::vector<T> band_;
+  size_t band_first_ = 0;
+  int band_begin_ = 0, band_end_ = 0;
+  bool failed_ = false;
+};
+
 // Packs all classes, if the resolutions are equal.
 void InterleaveClasses(const StoredTexels& from, const PixelRect& both, Texels* out) {
-  const size_t stride = from.rect.width(), plane = from.pixels();
+  RowReader<uint8_t> reader(from, from.likelihoods, from.rect.width(), from.rect.height(), both.y1 - from.rect.y0);
   for (size_t p = 0; p < out->likelihoods.size(); ++p) {
     const size_t first = p * Texels::kClassesPerPlane;
     const size_t classes = std::min<size_t>(Texels::kClassesPerPlane, from.classes - first);
     for (int y = both.y0; y < both.y1; ++y) {
-      const uint8_t* in =
-          from.likelihoods.data() + first * plane + (y - from.rect.y0) * stride + (both.x0 - from.rect.x0);
-      uint32_t* row = &out->likelihoods[p][out->Index(both.x0 - out->x0, y - out->y0)];
-      const int width = both.width();
-      const auto at = [&](size_t l, int x) { return static_cast<uint32_t>(in[l * plane + x]); };
+      const auto in = reader.Rows(first, classes, y - from.rect.y0);
+      // Bytes may alias anything: without __restrict the loops are not vectorised.
+      uint32_t* __restrict row = &out->likelihoods[p][out->Index(both.x0 - out->x0, y - out->y0)];
+      const int width = both.width(), left = both.x0 - from.rect.x0;
+      const uint8_t *a = in[0] + left, *b = in[1] + left, *c = in[2] + left, *d = in[3] + left;
+      const auto shifted = [](uint8_t value, int bits) { return static_cast<uint32_t>(value) << bits; };
       switch (classes) {
         case 4:
-          for (int x = 0; x < width; ++x) row[x] = at(0, x) | at(1, x) << 8 | at(2, x) << 16 | at(3, x) << 24;
+          for (int x = 0; x < width; ++x) row[x] = a[x] | shifted(b[x], 8) | shifted(c[x], 16) | shifted(d[x], 24);
           break;
         case 3:
-          for (int x = 0; x < width; ++x) row[x] = at(0, x) | at(1, x) << 8 | at(2, x) << 16;
+          for (int x = 0; x < width; ++x) row[x] = a[x] | shifted(b[x], 8) | shifted(c[x], 16);
           break;
         case 2:
-          for (int x = 0; x < width; ++x) row[x] = at(0, x) | at(1, x) << 8;
+          for (int x = 0; x < width; ++x) row[x] = a[x] | shifted(b[x], 8);
           break;
         default:
-          for (int x = 0; x < width; ++x) row[x] = at(0, x);
+          for (int x = 0; x < width; ++x) row[x] = a[x];
       }
     }
   }
@@ -161,8 +211,9 @@ void StoredTexels::LoadWindow(const PixelRect& window, Texels* texels) const {
   texels->classes = classes;
   const PixelRect both = Common(rect, window);
   ClearAround(both, *texels, &texels->luminance);
+  RowReader<uint16_t> reader(*this, luminance, rect.width(), rect.height(), both.y1 - rect.y0);
   for (int y = both.y0; y < both.y1; ++y) {
-    const uint16_t* in = luminance.data() + static_cast<size_t>(y - rect.y0) * rect.width() + (both.x0 - rect.x0);
+    const uint16_t* in = reader.Rows(0, 1, y - rect.y0)[0] + (both.x0 - rect.x0);
     std::copy_n(in, both.width(), &texels->luminance[texels->Index(both.x0 - window.x0, y - window.y0)]);
   }
   texels->likelihoods.resize((classes + Texels::kClassesPerPlane - 1) / Texels::kClassesPerPlane);
@@ -180,7 +231,7 @@ void StoredTexels::LoadWindow(const PixelRect& window, Texels* texels) const {
       for (int l = 0; l < classes; ++l) SampleClass(*this, l, columns, rows, texels);
     }
   }
-  if (release) release();
+  if (release && (!copy || (classes > 0 && !same_resolution))) release();
 }
 
 std::vector<uint16_t> StoredTexels::HalfLuminance() const {

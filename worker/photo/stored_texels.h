@@ -41,6 +41,9 @@ struct StoredTexels : TexelShape {
   std::span<const uint16_t> luminance;   // rows of `rect`, as Texels::luminance
   std::span<const uint8_t> likelihoods;  // one plane per class, likelihood · Texels::kLikelihoodSteps
   std::function<void()> release;         // optional hint: the pixels are not needed for a while
+  // Optional, of a mapped file: copies bytes of the two arrays from the file, so that LoadWindow maps no pages. Mapping
+  // and releasing them takes longer than copying. False if the file cannot be read.
+  std::function<bool(const void* from, size_t size_bytes, void* to)> copy;
 
   // The same with the pixel origin moved to pixel (x, y) of the level's image.
   StoredTexels WithOrigin(int x, int y) const;

@@ -1,7 +1,13 @@
 #include "worker/tile/tile_views.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
+#include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <utility>
@@ -12,6 +18,7 @@
 #include "common/arrays/mapped_arrays.h"
 #include "common/imaging/image_io.h"
 #include "common/scene/photographs.h"
+#include "common/storage/files.h"
 #include "common/storage/mapped_file.h"
 #include "worker/photo/texels.h"
 
@@ -142,35 +149,85 @@ class CropWriter {
   std::vector<ArrayFileWriter::Array> arrays_;
 };
 
+// A file of crops: mapped, to check and release its arrays, and open, to copy parts of them. Const members are
+// thread-safe.
+class CropsFile {
+ public:
+  static StatusOr<std::shared_ptr<const CropsFile>> Open(const std::string& path) {
+    TESSERA_ASSIGN_OR_RETURN(MappedArrays arrays, MappedArrays::Open(path));
+    TESSERA_ASSIGN_OR_RETURN(const MappedFile bytes, MappedFile::Open(path));
+    TESSERA_ASSIGN_OR_RETURN(ArrayFileHeader header, ParseArrayFileHeader({bytes.data(), bytes.size_bytes()}, path));
+    const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (fd < 0) return FileError(errno, absl::StrCat("cannot open ", path));
+    return std::shared_ptr<const CropsFile>(new CropsFile(std::move(arrays), header, fd));
+  }
+  CropsFile(const CropsFile&) = delete;
+  CropsFile& operator=(const CropsFile&) = delete;
+  ~CropsFile() { close(fd_); }
+
+  const MappedArrays& arrays() const { return arrays_; }
+  // Copies the bytes at `from` in `values`, which are those of the array `name`, without mapping pages. False if
+  // `from` is not in them, or the file cannot be read.
+  template <class T>
+  bool Copy(const std::string& name, std::span<const T> values, const void* from, size_t size_bytes, void* to) const {
+    const auto *begin = reinterpret_cast<const char*>(values.data()), *at = static_cast<const char*>(from);
+    if (std::less<>()(at, begin) || std::less<>()(begin + values.size_bytes(), at + size_bytes)) return false;
+    const auto offset = static_cast<off_t>(offsets_.at(name)) + (at - begin);
+    for (size_t done = 0; done < size_bytes;) {
+      const ssize_t got =
+          pread(fd_, static_cast<char*>(to) + done, size_bytes - done, offset + static_cast<off_t>(done));
+      if (got < 0 && errno == EINTR) continue;
+      if (got <= 0) return false;
+      done += static_cast<size_t>(got);
+    }
+    return true;
+  }
+
+ private:
+  CropsFile(MappedArrays arrays, const ArrayFileHeader& header, int fd) : arrays_(std::move(arrays)), fd_(fd) {
+    for (const ArrayFileHeader::Entry& entry : header.entries) offsets_[entry.name] = entry.offset;
+  }
+
+  MappedArrays arrays_;
+  std::map<std::string, uint64_t> offsets_;  // in the file, by array
+  int fd_;
+};
+
 // One crop of a shared file.
 class FilePixels : public ViewPixels {
  public:
-  FilePixels(std::shared_ptr<const MappedArrays> file, size_t index, const TexelShape& first)
+  FilePixels(std::shared_ptr<const CropsFile> file, size_t index, const TexelShape& first)
       : file_(std::move(file)), index_(index), levels_(LevelsOf(first)) {}
   const PixelRect& rect() const override { return levels_.front().rect; }
   bool has_likelihoods() const override { return levels_.front().classes > 0; }
   StatusOr<StoredTexels> Level(int level) const override {
     StoredTexels out;
     static_cast<TexelShape&>(out) = levels_.at(level);
+    const CropsFile* const file = file_.get();
     const std::string luminance = LuminanceName(index_, level);
-    TESSERA_ASSIGN_OR_RETURN(out.luminance, file_->Verified<uint16_t>(luminance, static_cast<int64_t>(out.pixels())));
-    if (!has_likelihoods()) {
-      out.release = [file = file_.get(), luminance] { file->Release(luminance); };
-    } else {
-      const std::string likelihoods = LikelihoodName(index_, LikelihoodLevel(levels_.front(), level));
-      TESSERA_ASSIGN_OR_RETURN(out.likelihoods,
-                               file_->Verified<uint8_t>(likelihoods, static_cast<int64_t>(out.likelihood_values())));
-      out.release = [file = file_.get(), luminance, likelihoods] {
-        file->Release(luminance);
-        file->Release(likelihoods);
-      };
+    TESSERA_ASSIGN_OR_RETURN(out.luminance,
+                             file->arrays().Verified<uint16_t>(luminance, static_cast<int64_t>(out.pixels())));
+    std::string likelihoods;
+    if (has_likelihoods()) {
+      likelihoods = LikelihoodName(index_, LikelihoodLevel(levels_.front(), level));
+      TESSERA_ASSIGN_OR_RETURN(out.likelihoods, file->arrays().Verified<uint8_t>(
+                                                    likelihoods, static_cast<int64_t>(out.likelihood_values())));
     }
+    out.release = [file, luminance, likelihoods] {
+      file->arrays().Release(luminance);
+      if (!likelihoods.empty()) file->arrays().Release(likelihoods);
+    };
+    out.copy = [file, luminance, likelihoods, of_luminance = out.luminance, of_likelihoods = out.likelihoods](
+                   const void* from, size_t size_bytes, void* to) {
+      return file->Copy(luminance, of_luminance, from, size_bytes, to) ||
+             (!likelihoods.empty() && file->Copy(likelihoods, of_likelihoods, from, size_bytes, to));
+    };
     out.release();
     return out;
   }
 
  private:
-  std::shared_ptr<const MappedArrays> file_;
+  std::shared_ptr<const CropsFile> file_;
   size_t index_;
   std::vector<TexelShape> levels_;
 };
@@ -215,11 +272,10 @@ FloatImage LikelihoodImage(const StoredTexels& level) {
 }
 
 StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(MappedArrays opened, MappedArrays::Open(path));
-  const auto file = std::make_shared<const MappedArrays>(std::move(opened));
+  TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const CropsFile> file, CropsFile::Open(path));
   std::vector<RefineView> views;
   try {
-    const json metadata = json::parse(file->metadata());
+    const json metadata = json::parse(file->arrays().metadata());
     if (metadata.at("tile") != package.tile) {
       return absl::DataLossError(absl::StrCat(path, ": found crops of tile ", metadata.at("tile").get<int>(),
                                               ", expected those of tile ", package.tile));

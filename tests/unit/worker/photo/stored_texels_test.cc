@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstring>
 
 #include "common/base/random.h"
 #include "tests/support/held_pixels.h"
@@ -63,6 +64,36 @@ TEST(StoredTexels, LoadsAnyWindow) {
           }
         }
       }
+    }
+  }
+}
+
+// Copied pixels are those that are mapped; where a copy fails, the mapped ones are read.
+TEST(StoredTexels, LoadsCopiedPixelsInBands) {
+  Random random(5);
+  for (const bool fails : {false, true}) {
+    for (const int classes : {0, 3, 6}) {
+      const FloatImage image = RandomImage(random, 1500, 190, 1);
+      const HeldPixels pixels(image, classes == 0 ? FloatImage() : RandomImage(random, 1500, 190, classes));
+      StoredTexels stored = *pixels.Level(0);
+      Texels mapped, copied;
+      const PixelRect window = {-2, 6, 1400, 200};
+      stored.LoadWindow(window, &mapped);
+      int64_t copies = 0, largest = 0, released = 0;
+      stored.copy = [&](const void* from, size_t size_bytes, void* to) {
+        ++copies;
+        largest = std::max(largest, static_cast<int64_t>(size_bytes));
+        if (fails) return false;
+        std::memcpy(to, from, size_bytes);
+        return true;
+      };
+      stored.release = [&] { ++released; };
+      stored.LoadWindow(window, &copied);
+      EXPECT_EQ(copied.luminance, mapped.luminance);
+      EXPECT_EQ(copied.likelihoods, mapped.likelihoods);
+      EXPECT_GT(copies, 0);
+      EXPECT_LE(largest, 1 << 18) << "copies stay in the cache";
+      EXPECT_EQ(released, 0) << "no pages were mapped";
     }
   }
 }
