@@ -1,6 +1,7 @@
 #include "worker/label/unary.h"
 
 #include <algorithm>
+#include <array>
 
 namespace tessera {
 namespace {
@@ -29,33 +30,50 @@ std::vector<Sample> SamplesAlong(int first, int count, double scale, double offs
   return samples;
 }
 
-}  // namespace
-
-void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
-                    FaceLikelihoods* sums) {
+// `value`: of an element of a plane.
+template <class T, class Value>
+void AddSampled(const FaceMap& map, const T* planes, int width, int height, const PixelMapping& mapping,
+                const std::vector<uint8_t>& own, const Value& value, FaceLikelihoods* sums) {
   const int classes = sums->classes;
   const std::vector<Sample> columns =
-      SamplesAlong(map.x0, map.width, mapping.scale_x, mapping.offset_x, mapping.first_x, likelihoods.width);
+      SamplesAlong(map.x0, map.width, mapping.scale_x, mapping.offset_x, mapping.first_x, width);
   const std::vector<Sample> rows =
-      SamplesAlong(map.y0, map.height, mapping.scale_y, mapping.offset_y, mapping.first_y, likelihoods.height);
-  const size_t stride = likelihoods.width;
+      SamplesAlong(map.y0, map.height, mapping.scale_y, mapping.offset_y, mapping.first_y, height);
+  const size_t stride = width, plane = stride * height;
   for (int y = 0; y < map.height; ++y) {
     const Sample& row = rows[y];
     for (int x = 0; x < map.width; ++x) {
       const int32_t face = map.face[static_cast<size_t>(y) * map.width + x];
-      if (face < 0) continue;
+      if (face < 0 || (!own.empty() && !own[face])) continue;
       const Sample& column = columns[x];
       sums->pixels[face] += 1;
       float* sum = &sums->sum[static_cast<size_t>(face) * classes];
       for (int l = 0; l < classes; ++l) {
-        const float* low = likelihoods.plane(l) + row.low * stride;
-        const float* high = likelihoods.plane(l) + row.high * stride;
-        const float above = low[column.low] + column.weight * (low[column.high] - low[column.low]);
-        const float below = high[column.low] + column.weight * (high[column.high] - high[column.low]);
+        const T* low = planes + l * plane + row.low * stride;
+        const T* high = planes + l * plane + row.high * stride;
+        const float above_left = value(low[column.low]), below_left = value(high[column.low]);
+        const float above = above_left + column.weight * (value(low[column.high]) - above_left);
+        const float below = below_left + column.weight * (value(high[column.high]) - below_left);
         sum[l] += above + row.weight * (below - above);
       }
     }
   }
+}
+
+}  // namespace
+
+void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
+                    FaceLikelihoods* sums) {
+  const auto value = [](float v) { return v; };
+  AddSampled(map, likelihoods.plane(0), likelihoods.width, likelihoods.height, mapping, {}, value, sums);
+}
+
+void AddLikelihoods(const FaceMap& map, const LikelihoodSteps& likelihoods, const PixelMapping& mapping,
+                    const std::vector<uint8_t>& own, FaceLikelihoods* sums) {
+  std::array<float, 256> values;
+  for (size_t step = 0; step < values.size(); ++step) values[step] = static_cast<float>(step) / likelihoods.per_unit;
+  const auto value = [&](uint8_t step) { return values[step]; };
+  AddSampled(map, likelihoods.steps.data(), likelihoods.width, likelihoods.height, mapping, own, value, sums);
 }
 
 }  // namespace tessera

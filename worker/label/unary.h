@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <span>
 #include <vector>
 
 #include "common/imaging/raster.h"
@@ -19,9 +21,19 @@ struct FaceLikelihoods {
       : classes(class_count), sum(faces * class_count, 0.0f), pixels(faces, 0.0f) {}
 };
 
+// Likelihoods as integers of which `per_unit` are a likelihood of 1, laid out like a Raster.
+struct LikelihoodSteps {
+  int width = 0, height = 0;
+  std::span<const uint8_t> steps;
+  float per_unit = 255;
+};
+
 // Adds one view: each pixel of `map` that sees a face adds the likelihoods at the position given by `mapping`.
 // `likelihoods`: one plane per class, sampled bilinearly, border values repeated. Not thread-safe on the same `sums`.
 void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
                     FaceLikelihoods* sums);
+// The same, equal bit for bit to that of the likelihoods as floats, for the faces with a flag in `own` (empty: all).
+void AddLikelihoods(const FaceMap& map, const LikelihoodSteps& likelihoods, const PixelMapping& mapping,
+                    const std::vector<uint8_t>& own, FaceLikelihoods* sums);
 
 }  // namespace tessera

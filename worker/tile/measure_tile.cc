@@ -36,19 +36,22 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
   for (const RefineView& view : views) problem.views.push_back(view.window());
   problem.own = OwnCellsOfViews(package.cells, work.measured(), groups.selected, views.size());
   const VisibleCells visible = FindVisibleCells(problem);
+  const std::vector<uint8_t> own = work.whole() ? std::vector<uint8_t>() : work.measured();
   for (size_t v = 0; v < views.size(); ++v) {
     if (visible.windows[v].empty()) continue;
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(v) / static_cast<double>(views.size()), "collecting likelihoods");
     if (!views[v].pixels->has_likelihoods()) continue;
     TESSERA_ASSIGN_OR_RETURN(const StoredTexels level, views[v].pixels->Level(0));
-    const FloatImage likelihoods = LikelihoodImage(level);
     const CameraWindow window(views[v].camera, visible.windows[v]);
     const MeshPart part = boxes.PartOf(visible.cells[v]);
     rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
     MarkNotSelected(groups, v, &maps[0]);
     if (package.views[views[v].index].masked) KeepLit(level, &maps[0]);
-    AddLikelihoods(maps[0], likelihoods, level.mapping, &sums);
+    AddLikelihoods(maps[0],
+                   {level.likelihood_width, level.likelihood_height, level.likelihoods, Texels::kLikelihoodSteps},
+                   level.mapping, own, &sums);
+    if (level.release) level.release();
   }
   return sums;
 }

@@ -263,14 +263,6 @@ Status CropTileViews(const TilePackage& package, const std::string& folder, cons
   return writer.Finish(package.tile);
 }
 
-FloatImage LikelihoodImage(const StoredTexels& level) {
-  FloatImage image(level.likelihood_width, level.likelihood_height, level.classes);
-  std::transform(level.likelihoods.begin(), level.likelihoods.end(), image.data.begin(),
-                 [](uint8_t step) { return static_cast<float>(step) / Texels::kLikelihoodSteps; });
-  if (level.release) level.release();
-  return image;
-}
-
 StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const CropsFile> file, CropsFile::Open(path));
   std::vector<RefineView> views;

@@ -26,9 +26,6 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
 // The crops of `package` in the file, read on demand. DATA_LOSS if the file is damaged or belongs to another package.
 StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::string& path);
 
-// One plane per class, in [0, 1]; level.mapping gives their position.
-FloatImage LikelihoodImage(const StoredTexels& level);
-
 // The pairs of the package whose views are both among `views`, as indices into these.
 std::vector<ViewPair> PairsOf(const TilePackage& package, const std::vector<RefineView>& views);
 

@@ -74,10 +74,9 @@ TEST(Crops, EqualTheImagesLoadedDirectly) {
         const auto part = ReadLikelihoodPart(cropped.folder + "/" + from.likelihood_path, 3, from.lens,
                                              {rect.x0, rect.y0, rect.x1, rect.y1});
         ASSERT_TRUE(part.ok());
-        const FloatImage likelihoods = LikelihoodImage(*level);
-        ASSERT_EQ(likelihoods.data.size(), part->pixels.data.size());
-        for (size_t i = 0; i < likelihoods.data.size(); ++i) {
-          ASSERT_NEAR(likelihoods.data[i], part->pixels.data[i], 0.5 / 255 + 1e-6);
+        ASSERT_EQ(level->likelihoods.size(), part->pixels.data.size());
+        for (size_t i = 0; i < level->likelihoods.size(); ++i) {
+          ASSERT_NEAR(level->likelihoods[i] / Texels::kLikelihoodSteps, part->pixels.data[i], 0.5 / 255 + 1e-6);
         }
       }
     }

@@ -238,5 +238,26 @@ TEST(Unary, SumsEveryPixelAtAnyLikelihoodResolution) {
   EXPECT_NEAR(half.sum[3], 2 * 0.625 + 0.75, 1e-6);
 }
 
+TEST(Unary, StepsGiveTheBitsOfFloatsForOwnFaces) {
+  FaceMap map;
+  map.width = 4;
+  map.height = 2;
+  map.face = {0, 0, 1, -1, 0, 0, 1, 1};
+  std::vector<uint8_t> steps;
+  FloatImage likelihoods(2, 1, 2);
+  for (const int step : {17, 201, 238, 54}) {
+    steps.push_back(static_cast<uint8_t>(step));
+    likelihoods.data[steps.size() - 1] = static_cast<float>(step) / 255;
+  }
+  FaceLikelihoods expected(2, 2), all(2, 2), own(2, 2);
+  AddLikelihoods(map, likelihoods, {0.5, 0.5, 0, 0}, &expected);
+  AddLikelihoods(map, {2, 1, steps}, {0.5, 0.5, 0, 0}, {}, &all);
+  EXPECT_EQ(all.sum, expected.sum);
+  EXPECT_EQ(all.pixels, expected.pixels);
+  AddLikelihoods(map, {2, 1, steps}, {0.5, 0.5, 0, 0}, {0, 1}, &own);
+  EXPECT_EQ(own.sum, (std::vector<float>{0, 0, expected.sum[2], expected.sum[3]}));
+  EXPECT_EQ(own.pixels, (std::vector<float>{0, 3}));
+}
+
 }  // namespace
 }  // namespace tessera
