@@ -37,8 +37,12 @@ Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary
       smooth_(start_, UnionOfFlags(boundary, frozen), Grown(active, start.faces, MotionGuard::kFoldingPasses)),
       inter_(start_, UnionOfFlags(boundary, frozen)),
       guard_(start_, boundary, MakeMotionLimits(options, gsd_m), frozen) {
-  smooth_.SetLabels(start.labels, options.classes, options.mixed);
-  if (options.inter > 0) inter_.SetLabels(start.labels);
+  SetLabels(start.labels);
+}
+
+void Stepper::SetLabels(const std::vector<int32_t>& labels) {
+  smooth_.SetLabels(labels, options_.classes, options_.mixed);
+  if (options_.inter > 0) inter_.SetLabels(labels);
 }
 
 std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,

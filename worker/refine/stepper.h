@@ -53,6 +53,9 @@ class Stepper {
 
   const MotionGuard& guard() const { return guard_; }
 
+  // Replaces the labels of `start`.
+  void SetLabels(const std::vector<int32_t>& labels);
+
   // The step of iteration `iteration` (from 0) of a level, to be added to the positions of `mesh`. `last`: the step of
   // the iteration before; empty or zeros at the first. Not thread-safe.
   std::vector<Eigen::Vector3d> Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,

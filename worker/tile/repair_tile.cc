@@ -32,14 +32,19 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
   CoreRepair repaired;
   if (package.has_pairs) {
     const RegionMesh& region = work.region(kRepairRegion);
+    RegionRepair* const kept = work.whole() ? nullptr : work.KeptRepair(options.step);
     std::vector<Vector3d> good, positions = Pick(snapshot->positions, region.vertices);
     if (stage == RepairStage::kLevel) {
       if (snapshot->level_start.empty()) return absl::DataLossError("repair: the states have no level start");
       good = Pick(snapshot->level_start, region.vertices);
     } else {
-      good = work.whole() ? work.SolveStepper(*snapshot, options).guard().RepairedStart()
-                          : MotionGuard(region.mesh, region.boundary, MakeMotionLimits(options.step, package.gsd_m))
-                                .RepairedStart();
+      if (work.whole()) {
+        good = work.SolveStepper(*snapshot, options).guard().RepairedStart();
+      } else if (kept != nullptr) {
+        good = kept->guard.RepairedStart();
+      } else {
+        good = MotionGuard(region.mesh, region.boundary, MakeMotionLimits(options.step, package.gsd_m)).RepairedStart();
+      }
       // Frozen vertices stay where they are.
       const std::vector<uint8_t> frozen = Pick(snapshot->frozen_vertices, region.vertices);
       for (size_t v = 0; v < frozen.size(); ++v) {
@@ -54,15 +59,28 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
     } else {
       std::vector<uint8_t> core;
       for (const uint32_t f : region.faces) core.push_back(package.regions[f] & kCoreRegion);
-      repaired = RepairCore(region, core, package.gsd_m, options.step, good, &positions);
+      repaired = kept != nullptr ? RepairRegion(*kept, core, good, &positions)
+                                 : RepairCore(region, core, package.gsd_m, options.step, good, &positions);
     }
     for (size_t v = 0; v < positions.size(); ++v) snapshot->positions[region.vertices[v]] = positions[v];
-    work.Forget(kRepairRegion);
+    if (kept == nullptr) work.Forget(kRepairRegion);
   }
   snapshot->level_start.clear();
   snapshot->last_step.clear();
   FillConfidence(package, snapshot);
   return repaired;
+}
+
+CoreRepair RepairRegion(RegionRepair& region, const std::vector<uint8_t>& core, const std::vector<Vector3d>& good,
+                        std::vector<Vector3d>* positions) {
+  const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
+    return region.guard.KeepsOrientation(face, from, to);
+  };
+  const SurfaceRepair::Result repaired = region.repair.Run(good, keeps_facing, positions);
+  CoreRepair out;
+  out.changed_vertices = repaired.changed_vertices;
+  for (const uint32_t f : repaired.left) out.left_faces += core[f] != 0;
+  return out;
 }
 
 CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core, double gsd_m,
@@ -89,7 +107,7 @@ CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core
   for (size_t v = 0; v < moved.size(); ++v) (*positions)[part.vertices[v]] = moved[v];
   CoreRepair out;
   out.changed_vertices = repaired.changed_vertices;
-  for (const uint32_t f : repaired.left) out.left_faces += core[part.faces[f]];
+  for (const uint32_t f : repaired.left) out.left_faces += core[part.faces[f]] != 0;
   return out;
 }
 

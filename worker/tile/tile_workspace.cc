@@ -22,7 +22,10 @@ namespace {
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
 // Approximate bytes per face.
-constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300;
+constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300, kRepairBytes = 180;
+
+// A workspace keeps its repair if it then takes at most this share of the memory of idle workspaces.
+constexpr size_t kRepairShare = 8;
 
 // Bound on the bytes of all idle workspaces.
 size_t IdleLimit_bytes() {
@@ -103,7 +106,11 @@ Stepper& TileWorkspace::SolveStepper(const TileSnapshot& snapshot, const TileRef
   std::vector<int32_t> labels;
   if (GeometryUsesLabels(package_, options)) labels = Pick(snapshot.labels, part.faces);
   std::vector<uint8_t> frozen = Pick(snapshot.frozen_vertices, part.vertices);
-  if (stepper_ && stepper_->labels == labels && stepper_->frozen == frozen) return *stepper_->stepper;
+  if (stepper_ && stepper_->frozen == frozen) {
+    if (stepper_->labels != labels) stepper_->stepper->SetLabels(labels);
+    stepper_->labels = std::move(labels);
+    return *stepper_->stepper;
+  }
   std::vector<uint8_t> active;
   if (!whole_) {
     active.assign(part.vertices.size(), 0);
@@ -130,8 +137,18 @@ void TileWorkspace::Forget(Region region) {
   if (!whole_) regions_.erase(region);
 }
 
+RegionRepair* TileWorkspace::KeptRepair(const StepperOptions& options) {
+  if (repair_ != nullptr) return repair_.get();
+  const RegionMesh& part = region(kRepairRegion);
+  const size_t with_regions = kPackageBytes + 2 * kRegionBytes + kStepperBytes + kRepairBytes;
+  if (with_regions * package_.face_ids.size() > IdleLimit_bytes() / kRepairShare) return nullptr;
+  repair_ = std::make_unique<RegionRepair>(part, MakeMotionLimits(options, package_.gsd_m));
+  return repair_.get();
+}
+
 size_t TileWorkspace::bytes() const {
   size_t bytes = kPackageBytes * package_.face_ids.size();
+  if (repair_ != nullptr) bytes += kRepairBytes * repair_->guard.start_normals().size();
   for (const auto& [region, part] : regions_) {
     bytes += (kRegionBytes + (region == kSolveRegion || whole_ ? kStepperBytes : 0)) * part.faces.size();
   }

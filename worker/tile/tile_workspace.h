@@ -49,6 +49,14 @@ struct TileSnapshot {
   Eigen::Vector3d farthest_at = Eigen::Vector3d::Zero();
 };
 
+// Guard and repair of a region's mesh, for all levels. Refers to the region.
+struct RegionRepair {
+  MotionGuard guard;
+  SurfaceRepair repair;
+  RegionRepair(const RegionMesh& region, const MotionLimits& limits)
+      : guard(region.mesh, region.boundary, limits), repair(region.mesh, guard.faces_of_vertex()) {}
+};
+
 // A tile's views and their data term.
 struct TileImages {
   const std::vector<RefineView> views;
@@ -80,7 +88,7 @@ class TileWorkspace {
   // The views of the crops at `views_path`, opened at the first call. Errors as OpenTileViews.
   StatusOr<TileImages*> Images(const std::string& views_path, const TileRefineOptions& options);
   // Stepper of the solve region that moves the core's vertices, with the labels and frozen vertices of `snapshot`. Made
-  // again only if these change.
+  // again only if the frozen vertices change.
   Stepper& SolveStepper(const TileSnapshot& snapshot, const TileRefineOptions& options);
   // Frees the stepper and the buffers of the data term. Call if no iteration follows soon.
   void EndIterations();
@@ -89,6 +97,9 @@ class TileWorkspace {
   const RegionMesh& region(Region region);
   // Frees the region's mesh.
   void Forget(Region region);
+  // Repair of the repair region, made at the first call and kept for the next levels. Null if that would take too much
+  // of the memory of idle workspaces: the caller then repairs a part of the region and forgets it.
+  RegionRepair* KeptRepair(const StepperOptions& options);
   // Approximate memory.
   size_t bytes() const;
   // Faces of kCoreRegion and of kSampleRegion, by ascending global id, and flags of both.
@@ -149,6 +160,7 @@ class TileWorkspace {
     std::optional<Stepper> stepper;  // constructed in place
   };
   std::unique_ptr<LabelledStepper> stepper_;
+  std::unique_ptr<RegionRepair> repair_;  // refers to its region
 };
 
 }  // namespace tessera

@@ -38,6 +38,34 @@ TriangleMesh Stairs(int n, double half_m) {
   return mesh;
 }
 
+// New labels leave nothing of the old ones behind.
+TEST(Stepper, SetLabelsGivesTheStepsOfANewStepper) {
+  TriangleMesh start = Stairs(20, 5), other = start;
+  Random random(9);
+  for (size_t f = 0; f < start.faces.size(); ++f) {
+    start.labels.push_back(static_cast<int32_t>(random.Below(3)));
+    other.labels.push_back(static_cast<int32_t>(f / 40 % 3));
+  }
+  StepperOptions options;
+  options.classes = {{.smoothness = 0.5}, {.smoothness = 2}, {.smoothness = 1, .anchor = 3}};
+  options.creases.bend = 0.3;
+  options.inter = 0.5;
+  PhotoDerivatives data;
+  data.gradient = RandomSteps(start.vertices.size(), 1, 4);
+  data.curvature.assign(start.vertices.size(), Eigen::Matrix3d::Identity());
+  data.pairs.assign(start.vertices.size(), 1);
+  const TriangleMesh mesh = {Added(start.vertices, RandomSteps(start.vertices.size(), 0.01, 5)), start.faces, {}};
+  const auto step = [&](Stepper& stepper) { return stepper.Step(mesh, data, 0, 1, {}); };
+  Stepper changed(start, {}, 0.1, Vector3d::UnitZ(), options), made(other, {}, 0.1, Vector3d::UnitZ(), options);
+  const Positions before = step(changed), expected = step(made);
+  EXPECT_NE(before, expected) << "the labels matter";
+  changed.SetLabels(other.labels);
+  EXPECT_EQ(step(changed), expected);
+  changed.SetLabels({});
+  Stepper unlabelled({start.vertices, start.faces, {}}, {}, 0.1, Vector3d::UnitZ(), options);
+  EXPECT_EQ(step(changed), step(unlabelled));
+}
+
 // Even a ragged boundary must not shrink: a small retreat per step would remove it after some rounds.
 TEST(Stepper, GroundBoundaryStaysInPlanAndWallBoundaryMayMove) {
   TriangleMesh ground = Stairs(24, 6);

@@ -53,10 +53,16 @@ TEST(RepairCore, GivesTheCoreTheBytesOfTheWholeRegion) {
     for (const Triangle& face : mesh.faces) {
       core.push_back(core.size() < mesh.faces.size() / 2 && mesh.vertices[face[0]].x() < 40);
     }
-    std::vector<Vector3d> whole = proposed, part = proposed;
+    std::vector<Vector3d> whole = proposed, part = proposed, kept = proposed;
     constexpr double kGsd_m = 0.5;
     Stepper(mesh, {}, kGsd_m, up, options).Repair(good, &whole);
-    RepairCore(region, core, kGsd_m, options, good, &part);
+    const CoreRepair of_part = RepairCore(region, core, kGsd_m, options, good, &part);
+    RegionRepair repair(region, MakeMotionLimits(options, kGsd_m));
+    for (int level = 0; level < 2; ++level) {
+      kept = proposed;
+      EXPECT_EQ(RepairRegion(repair, core, good, &kept).left_faces, of_part.left_faces);
+      ASSERT_EQ(kept, whole) << "seed " << seed << ", level " << level;
+    }
     std::vector<uint8_t> own(mesh.vertices.size(), 0);
     for (size_t f = 0; f < core.size(); ++f) {
       for (const uint32_t v : mesh.faces[f]) own[v] |= core[f];
