@@ -156,6 +156,20 @@ std::string TaskFiles::SharedPath(const Digest& digest) const {
   return shared_blobs_ == nullptr ? "" : shared_blobs_->LocalPath(digest).value_or("");
 }
 
+std::optional<TaskFiles::UsedFile> TaskFiles::KnownAt(const TaskInput& input) {
+  if (!CheckDigest(input.digest).ok()) return std::nullopt;
+  std::vector<std::string> paths;
+  if (use_shared_storage_ && !input.shared_path.empty()) paths.push_back(input.shared_path);
+  if (std::string path = SharedPath(input.digest); !path.empty()) paths.push_back(std::move(path));
+  for (const std::string& path : paths) {
+    const auto stamp = StampOf(path);
+    if (!stamp.ok()) continue;
+    const std::optional<Digest> content = VerifiedAt(path, *stamp);
+    if (content && *content == input.digest) return UsedFile{path, *stamp, input.digest};
+  }
+  return std::nullopt;
+}
+
 StatusOr<TaskFiles::UsedFile> TaskFiles::Locate(const TaskInput& input, const TaskControl& control) {
   if (const Status named = CheckDigest(input.digest); !named.ok()) {
     return AsStatus(FailureClass::kInput, MessageOf(named));
@@ -189,7 +203,6 @@ Status TaskFiles::Link(const std::string& file, const std::string& link, bool is
 Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir,
                               const TaskControl& control) {
   std::vector<std::string> links;
-  std::vector<int64_t> sizes;
   std::set<std::string> names, folders;
   for (const TaskInput& input : inputs) {
     const auto link = JoinInside(input_dir, input.name);
@@ -198,17 +211,26 @@ Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::s
       return AsStatus(FailureClass::kInput, "found two inputs of the same name: " + input.name);
     }
     links.push_back(*link);
-    sizes.push_back(input.digest.size_bytes);
   }
+  std::vector<StatusOr<UsedFile>> found(inputs.size(), absl::CancelledError("cancelled"));
+  // Most inputs of a step are files that this worker knows: no calls are made and no threads are started for these.
+  std::vector<size_t> others;
+  std::vector<int64_t> sizes;
   std::vector<Digest> to_fetch;  // from an object store, perhaps
-  for (const TaskInput& input : inputs) {
-    if (input.shared_path.empty() && !cache_->Holds(input.digest)) to_fetch.push_back(input.digest);
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    if (std::optional<UsedFile> known = KnownAt(inputs[i])) {
+      found[i] = *std::move(known);
+      continue;
+    }
+    others.push_back(i);
+    sizes.push_back(inputs[i].digest.size_bytes);
+    if (inputs[i].shared_path.empty() && !cache_->Holds(inputs[i].digest)) to_fetch.push_back(inputs[i].digest);
   }
   if (to_fetch.size() > 1) blobs_.Prepare(to_fetch);
-  std::vector<StatusOr<UsedFile>> found(inputs.size(), absl::CancelledError("cancelled"));
   FileMoves moves(control, 0, "fetching inputs", std::move(sizes));
-  moves.ForEach([&](int64_t i) {
-    found[i] = Locate(inputs[i], moves.Of(i));
+  moves.ForEach([&](int64_t k) {
+    const size_t i = others[static_cast<size_t>(k)];
+    found[i] = Locate(inputs[i], moves.Of(k));
     return found[i].ok() || FailureOf(found[i].status()).failure_class == FailureClass::kLostInput;
   });
   Failure lost;  // all lost inputs are reported together

@@ -82,6 +82,8 @@ class TaskFiles {
 
   // Path of the blob in the shared folder, whether it exists or not; empty if there is no such folder.
   std::string SharedPath(const Digest& digest) const;
+  // The shared file with the input's content, if it has been hashed since it changed last.
+  std::optional<UsedFile> KnownAt(const TaskInput& input);
   // Where the input may be read. Thread-safe, as all functions from here to StoreOutput but Link.
   StatusOr<UsedFile> Locate(const TaskInput& input, const TaskControl& control);
   std::optional<UsedFile> ReadableAt(const std::string& path, const Digest& digest);
