@@ -115,11 +115,16 @@ Tiles3dFaces WithoutSmallTiles3dPieces(const Tiles3dVertices& vertices, const Ti
   }
   std::vector<TilePieceFate> fates(faces.size(), TilePieceFate::kStays);
   size_t largest = 0, left = 0;  // a piece, and faces
+  double largest_m = -1;
   for (size_t p = 0; p < faces.size(); ++p) {
     if (piece[p] != p) continue;
-    if (sizes[p] > sizes[largest] || piece[largest] != largest) largest = p;
+    const double diagonal_m = boxes[p].diagonal().norm();
+    if (diagonal_m > largest_m) {
+      largest_m = diagonal_m;
+      largest = p;
+    }
     if (!is_fixed[p]) {
-      if (boxes[p].diagonal().norm() < limits.size_m) {
+      if (diagonal_m < limits.size_m) {
         fates[p] = TilePieceFate::kTooSmall;
       } else if (sizes[p] <= kTilePieceFaces) {
         fates[p] = TilePieceFate::kNearOthers;
