@@ -52,9 +52,10 @@ bool ResetPeak() {
 }  // namespace
 
 void KeepFreedMemory(int64_t bytes) {
-  mallopt(M_ARENA_MAX, 1);
+  const int heaps = 1 + ThreadCount() / 8;
+  mallopt(M_ARENA_MAX, heaps);
   mallopt(M_MMAP_THRESHOLD, kLargestHeapBlock_bytes);
-  mallopt(M_TRIM_THRESHOLD, static_cast<int>(std::min<int64_t>(bytes, std::numeric_limits<int>::max())));
+  mallopt(M_TRIM_THRESHOLD, static_cast<int>(std::min<int64_t>(bytes / heaps, std::numeric_limits<int>::max())));
   mallopt(M_TOP_PAD, kHeapGrowth_bytes);
 }
 

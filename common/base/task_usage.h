@@ -10,8 +10,8 @@ namespace tessera {
 
 // Freed memory stays with the process, up to `bytes` of it at the end of the heap, and blocks of up to 32 MiB are taken
 // from there: memory that every step of a tile uses again is not given back to the system and mapped page by page each
-// time. All threads share one heap, so that what one of them frees serves the others. Call it at the start of a
-// program, before starting threads.
+// time. Eight threads share one heap, so that what one of them frees serves the others, and few wait for its lock. Call
+// it at the start of a program, before starting threads.
 void KeepFreedMemory(int64_t bytes);
 
 struct TaskUsage {
