@@ -63,6 +63,9 @@ class SceneLoader {
     AssignFlights();
     SetUp();
     std::sort(scene_.files.begin(), scene_.files.end());
+    // Ids differ between programs. The order of the views decides how sums round, hence the last digits of a result.
+    std::stable_sort(scene_.views.begin(), scene_.views.end(),
+                     [](const SceneView& a, const SceneView& b) { return a.name < b.name; });
     return std::move(scene_);
   }
 
@@ -128,9 +131,6 @@ class SceneLoader {
           image.rotation_cam_from_world * frame->origin_in_scene() + image.translation_cam_from_world;
       scene_.views.push_back(std::move(view));
     }
-    // Ids differ between programs. The order of the views decides how sums round, hence the last digits of a result.
-    std::stable_sort(scene_.views.begin(), scene_.views.end(),
-                     [](const SceneView& a, const SceneView& b) { return a.name < b.name; });
     has_all_views_ = faults_.messages().size() == faults_before;
   }
 

@@ -90,7 +90,7 @@ struct SceneDescription {
   std::optional<SceneSource> source = {};
   Frame frame;                   // transform between scene coordinates and the local metric frame
   Eigen::Vector3d up_in_local;   // unit vector
-  std::vector<SceneView> views;  // by the names of their images in the cameras files
+  std::vector<SceneView> views;  // by the names of their image files
   std::string cameras_folder;    // of the COLMAP model, relative to folder
   std::string mesh_path;         // relative to folder
   // Of the mesh: the property with the labels. Empty: labels are ignored. None: it is found by its name.

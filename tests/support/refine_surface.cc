@@ -74,7 +74,7 @@ StatusOr<SurfaceRefinement> RefineSurface(const SurfaceProblem& problem, const T
   TileImages images(work.package(), std::move(views), options);
   std::vector<RefineStep> steps;
   for (int round = 0; round < problem.rounds; ++round) {
-    for (RefineStep step : MakeRefineSteps(problem.levels, problem.iterations, 1, false, true)) {
+    for (RefineStep step : MakeRefineSteps(problem.levels, problem.iterations, 1, false, false)) {
       step.round = round;
       if (!step.labels()) steps.push_back(step);
     }

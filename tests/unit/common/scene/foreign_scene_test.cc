@@ -56,12 +56,12 @@ TEST(SceneTest, FindsImagesByTheNamesOfOtherSystems) {
   Warnings warnings;
   const StatusOr<SceneDescription> scene = LoadScene(folder, &warnings);
   ASSERT_TRUE(scene.ok()) << scene.status();
-  EXPECT_EQ(scene->views[0].name, "view0.png");
+  EXPECT_EQ(scene->views[0].image_path, "images/Stra\u00dfe 3.png");
+  EXPECT_EQ(scene->views[1].image_path, "images/View2.PNG");
+  EXPECT_EQ(scene->views[1].likelihood_path, "likelihoods/view2.tif");
   EXPECT_EQ(scene->views[2].name, "north/view1.png");
   EXPECT_EQ(scene->views[2].likelihood_path, "likelihoods/north/view1.tif");
-  EXPECT_EQ(scene->views[3].image_path, "images/View2.PNG");
-  EXPECT_EQ(scene->views[3].likelihood_path, "likelihoods/view2.tif");
-  EXPECT_EQ(scene->views[1].image_path, "images/Stra\u00dfe 3.png");
+  EXPECT_EQ(scene->views[3].name, "view0.png");
   EXPECT_THAT(warnings, testing::ElementsAre(AllOf(HasSubstr("images: 1 images have files whose names differ"),
                                                    HasSubstr("'View2.PNG' for 'view2.png'"))));
   EXPECT_EQ(FaultsOfScene(folder), "");

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <set>
@@ -184,20 +185,21 @@ TEST_F(SynthTest, SparsePointsProjectOntoTheirObservations) {
   }
   ASSERT_GT(position.size(), 50u);
   int observations = 0;
-  size_t view = 0;
   std::getline(images, line);
   while (std::getline(images, line)) {
-    ASSERT_LT(view, scene->views.size());
+    const std::string name = line.substr(line.rfind(' ') + 1);
+    const auto view = std::find_if(scene->views.begin(), scene->views.end(),
+                                   [&](const SceneView& other) { return other.name == name; });
+    ASSERT_NE(view, scene->views.end()) << name;
     std::getline(images, line);
     std::istringstream in(line);
     double x, y;
     int id;
     while (in >> x >> y >> id) {
-      const Eigen::Vector3d p = scene->views[view].camera.Project(position.at(id));
+      const Eigen::Vector3d p = view->camera.Project(position.at(id));
       EXPECT_LT((p.head<2>() - Eigen::Vector2d(x, y)).norm(), 1.0);
       ++observations;
     }
-    ++view;
   }
   EXPECT_GE(observations, 3 * static_cast<int>(position.size()));
 }
