@@ -11,8 +11,8 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_join.h"
-#include "common/classify/annotations.h"
 #include "common/check/check.h"
+#include "common/classify/annotations.h"
 #include "common/scene/scene.h"
 #include "tests/property/reports/report_cases.h"
 #include "tests/support/tiny_scene.h"
@@ -27,19 +27,24 @@ using LabelledTriangle = std::tuple<std::array<double, 9>, int32_t>;
 
 // What a job reads of a scene.
 struct SceneContent {
-  std::vector<PixelContent> pixels;
-  std::vector<PosedCamera> cameras;
+  std::vector<PixelContent> pixels;         // of the views, by the hashes of their images
+  std::vector<PosedCamera> cameras;         // in the same order
   std::vector<LabelledTriangle> triangles;  // sorted
 };
 
 SceneContent ContentOf(const std::string& scene, const SceneSummary& summary) {
   SceneContent content;
-  content.pixels = summary.contents;
   Warnings warnings;
   const auto description = LoadScene(scene, &warnings);
   if (!description.ok()) ADD_FAILURE() << description.status();
   if (!description.ok()) return content;
-  for (const SceneView& view : description->views) content.cameras.push_back(view.camera);
+  std::map<std::string, size_t> views;  // their order follows the names of files, which some cases change
+  for (size_t v = 0; v < summary.contents.size(); ++v) views.emplace(summary.contents[v].image, v);
+  EXPECT_EQ(views.size(), description->views.size());
+  for (const auto& [image, v] : views) {
+    content.pixels.push_back(summary.contents[v]);
+    content.cameras.push_back(description->views[v].camera);
+  }
   const auto mesh = LoadSceneMesh(*description, 0, &warnings);
   if (!mesh.ok()) ADD_FAILURE() << mesh.status();
   if (!mesh.ok()) return content;
