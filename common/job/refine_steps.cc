@@ -7,13 +7,14 @@ size_t FirstLevelOf(int round, size_t levels) { return round > 0 && levels > 0 ?
 std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations, int rounds,
                                         bool short_rounds, bool alternate) {
   std::vector<RefineStep> steps = {RefineStep()};
+  int moves = 0;  // iterations of all rounds
   for (int round = 0; round < rounds; ++round) {
     int iteration = 0;
     for (size_t i = FirstLevelOf(round, levels.size()); i < levels.size(); ++i) {
       const int count = short_rounds && round > 0 ? (iterations[i] + 1) / 2 : iterations[i];
       for (int k = 0; k < count; ++k) {
         RefineStep& step = steps.emplace_back(RefineStep{round, levels[i], iteration++, k + 1 == count});
-        if (alternate) step.directions = k % 2 == 0 ? PairDirections::kForward : PairDirections::kBackward;
+        if (alternate) step.directions = moves++ % 2 == 0 ? PairDirections::kForward : PairDirections::kBackward;
       }
     }
     steps.push_back({round, -1, iteration});

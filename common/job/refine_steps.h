@@ -10,7 +10,8 @@ namespace tessera {
 
 inline constexpr int kTesseraRounds = 2, kBaselineRounds = 1, kPaperRounds = 5;
 
-// Which directions of the view pairs an iteration evaluates: forward warps the later view of the job into the earlier.
+// Which directions of the view pairs an iteration evaluates. Forward: the view that is later in the job's order is
+// warped into the earlier one.
 enum class PairDirections { kBoth, kForward, kBackward };
 
 struct RefineStep {
@@ -29,7 +30,8 @@ size_t FirstLevelOf(int round, size_t levels);
 
 // A label step, then in each round the iterations of its levels and a label step. The first label step always exists,
 // but does nothing for some methods. `levels` and `iterations` have the same length. `short_rounds`: rounds after the
-// first have half the iterations, rounded up. `alternate`: iterations evaluate one direction of the pairs, in turn.
+// first have half the iterations, rounded up. `alternate`: each iteration evaluates one direction of the pairs, and the
+// next iteration, also of another level or round, the other.
 std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations, int rounds,
                                         bool short_rounds, bool alternate);
 

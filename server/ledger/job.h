@@ -176,9 +176,9 @@ struct JobSums {
 
 // Sums over the tasks of a tile, so that tiles are listed without visiting all their tasks.
 struct TileTotals {
-  std::vector<int> tasks;  // indices in the job's list, ascending; without superseded and given ones
-  std::vector<int> superseded;                               // those with attempts, ascending
-  int unfinished = 0;      // of `tasks`; a quarantined tile has one more
+  std::vector<int> tasks;       // indices in the job's list, ascending; without superseded and given ones
+  std::vector<int> superseded;  // those with attempts, ascending
+  int unfinished = 0;           // of `tasks`; a quarantined tile has one more
   int reused = 0;
   int attempts = 0, failed_attempts = 0;                     // also of superseded tasks
   double core_seconds = 0;                                   // as in JobSums

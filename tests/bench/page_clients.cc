@@ -1,11 +1,7 @@
 #include "tests/bench/page_clients.h"
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <sys/epoll.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -21,6 +17,7 @@
 
 #include "common/storage/files.h"
 #include "tests/bench/dispatch_fleet.h"
+#include "tests/support/http_client.h"
 
 namespace tessera {
 namespace {
@@ -38,60 +35,43 @@ struct Counts {
 
 double PageNow() { return std::chrono::duration<double>(Steady::now().time_since_epoch()).count(); }
 
-// A connection to a server on loopback; one request at a time.
+// A connection that never waits; one request at a time.
 class Connection {
  public:
-  explicit Connection(int port) : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-    sockaddr_in to = {};
-    to.sin_family = AF_INET;
-    to.sin_port = htons(static_cast<uint16_t>(port));
-    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    const int on = 1;
-    ::setsockopt(fd_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
-    good_ = ::connect(fd_, reinterpret_cast<const sockaddr*>(&to), sizeof(to)) == 0;
-  }
-  ~Connection() { ::close(fd_); }
-  Connection(const Connection&) = delete;
-  Connection& operator=(const Connection&) = delete;
+  explicit Connection(int port) : http_("127.0.0.1:" + std::to_string(port)), good_(http_.connected()) {}
 
-  int fd() const { return fd_; }
+  int fd() const { return http_.fd(); }
   bool good() const { return good_; }
   void Get(const std::string& path, const std::string& etag) {
-    std::string text = "GET " + path + " HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip, deflate\r\n";
-    if (!etag.empty()) text += "If-None-Match: " + etag + "\r\n";
-    text += "\r\n";
-    good_ = good_ && ::send(fd_, text.data(), text.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(text.size());
+    SentHeaders headers = {{"Accept-Encoding", "gzip, deflate"}};
+    if (!etag.empty()) headers.emplace_back("If-None-Match", etag);
+    good_ = good_ && http_.Send(HttpConnection::Text("GET", path, headers, "", "127.0.0.1"));
   }
   // Takes what has arrived.
   void Receive(Counts& counts) {
-    char bytes[64 << 10];
-    const ssize_t n = ::recv(fd_, bytes, sizeof(bytes), MSG_DONTWAIT);
-    if (n <= 0) {
-      good_ = false;
-      return;
-    }
-    counts.bytes += n;
-    received_.append(bytes, static_cast<size_t>(n));
+    const size_t before = http_.received().size();
+    good_ = http_.Receive(0);
+    counts.bytes += static_cast<int64_t>(http_.received().size() - before);
   }
   // Takes a whole answer; false: not there yet.
   bool TakeAnswer(int* status, std::string* etag) {
-    const size_t end = received_.find("\r\n\r\n");
+    const size_t end = received().find("\r\n\r\n");
     if (end == std::string::npos) return false;
-    const std::string_view head(received_.data(), end + 2);
+    const std::string_view head(received().data(), end + 2);
     const std::string length = ValueOf(head, "\r\nContent-Length: ");
-    *status = std::atoi(received_.c_str() + received_.find(' ') + 1);
+    *status = std::atoi(received().c_str() + received().find(' ') + 1);
     const size_t size = end + 4 + (*status == 304 ? 0 : std::strtoul(length.c_str(), nullptr, 10));
-    if (received_.size() < size) return false;
+    if (received().size() < size) return false;
     *etag = ValueOf(head, "\r\nETag: ");
-    received_.erase(0, size);
+    received().erase(0, size);
     return true;
   }
   // Takes all whole events; returns how many.
   int TakeEvents() {
     int events = 0;
     size_t at = 0;
-    for (size_t next = 0; (next = received_.find("\ndata: ", at)) != std::string::npos; at = next + 1) ++events;
-    received_.erase(0, received_.size() > 8 ? received_.size() - 7 : 0);
+    for (size_t next = 0; (next = received().find("\ndata: ", at)) != std::string::npos; at = next + 1) ++events;
+    received().erase(0, received().size() > 8 ? received().size() - 7 : 0);
     return events;
   }
 
@@ -102,9 +82,10 @@ class Connection {
     return std::string(head.substr(at + name.size(), head.find("\r\n", at + 2) - at - name.size()));
   }
 
-  const int fd_;
-  bool good_ = false;
-  std::string received_;
+  std::string& received() { return http_.received(); }
+
+  HttpConnection http_;
+  bool good_;
 };
 
 // One page.

@@ -156,12 +156,16 @@ std::string TaskFiles::SharedPath(const Digest& digest) const {
   return shared_blobs_ == nullptr ? "" : shared_blobs_->LocalPath(digest).value_or("");
 }
 
-std::optional<TaskFiles::UsedFile> TaskFiles::KnownAt(const TaskInput& input) {
-  if (!CheckDigest(input.digest).ok()) return std::nullopt;
+std::vector<std::string> TaskFiles::SharedPaths(const TaskInput& input) const {
   std::vector<std::string> paths;
   if (use_shared_storage_ && !input.shared_path.empty()) paths.push_back(input.shared_path);
   if (std::string path = SharedPath(input.digest); !path.empty()) paths.push_back(std::move(path));
-  for (const std::string& path : paths) {
+  return paths;
+}
+
+std::optional<TaskFiles::UsedFile> TaskFiles::KnownAt(const TaskInput& input) {
+  if (!CheckDigest(input.digest).ok()) return std::nullopt;
+  for (const std::string& path : SharedPaths(input)) {
     const auto stamp = StampOf(path);
     if (!stamp.ok()) continue;
     const std::optional<Digest> content = VerifiedAt(path, *stamp);
@@ -174,10 +178,7 @@ StatusOr<TaskFiles::UsedFile> TaskFiles::Locate(const TaskInput& input, const Ta
   if (const Status named = CheckDigest(input.digest); !named.ok()) {
     return AsStatus(FailureClass::kInput, MessageOf(named));
   }
-  if (use_shared_storage_ && !input.shared_path.empty()) {
-    if (auto file = ReadableAt(input.shared_path, input.digest)) return *std::move(file);
-  }
-  if (const std::string path = SharedPath(input.digest); !path.empty()) {
+  for (const std::string& path : SharedPaths(input)) {
     if (auto file = ReadableAt(path, input.digest)) return *std::move(file);
   }
   const auto cached = cache_->Get(

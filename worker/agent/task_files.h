@@ -80,6 +80,8 @@ class TaskFiles {
     Digest digest;
   };
 
+  // Where the input may be in shared storage, whether it exists or not; the first is preferred.
+  std::vector<std::string> SharedPaths(const TaskInput& input) const;
   // Path of the blob in the shared folder, whether it exists or not; empty if there is no such folder.
   std::string SharedPath(const Digest& digest) const;
   // The shared file with the input's content, if it has been hashed since it changed last.

@@ -34,16 +34,19 @@ TEST(RefineSteps, LaterRoundsOfTheDefaultMethodHaveHalfTheIterations) {
   EXPECT_EQ(iterations("paper"), "4 5 5 5 ");
 }
 
-TEST(RefineSteps, IterationsOfALevelAlternateTheDirections) {
-  const auto directions = [](const std::string& method) {
+TEST(RefineSteps, IterationsAlternateTheDirections) {
+  MethodSettings settings;
+  const auto directions = [&](const std::string& method) {
     std::string text;
-    for (const RefineStep& step : RefineStepsOf(method, 2, {})) {
+    for (const RefineStep& step : RefineStepsOf(method, 2, settings)) {
       text += step.labels() ? 'L' : "bfr"[static_cast<int>(step.directions)];
     }
     return text;
   };
   EXPECT_EQ(directions("tessera"), "LfrfrfrfrfrfrfrfrfrfrfrLfrfrfL");
   EXPECT_EQ(directions("paper"), "L" + std::string(22, 'b') + "L" + std::string(10, 'b') + "L");
+  settings.iterations = {1, 1, 1};
+  EXPECT_EQ(directions("tessera"), "LfrfLrL") << "levels and rounds of one iteration";
 }
 
 TEST(RefineSteps, SettingsOverrideTheMethodsRules) {
