@@ -294,6 +294,19 @@ TEST_F(HttpTest, StreamsEndWithTheirTokenOrSession) {
   }
 }
 
+TEST_F(HttpTest, ARequestMayFollowOneWhoseBodyCameInParts) {
+  HttpConnection connection(Address());
+  const SentHeaders headers = Bearer("submitter");
+  const std::string body = "{\"name\": \"" + std::string(20'000, 'x') + "\"}";
+  const std::string text = HttpConnection::Text("POST", "/api/v1/jobs", headers, body, Address());
+  for (size_t at = 0; at < text.size(); at += 3000) {
+    ASSERT_TRUE(connection.Send(std::string_view(text).substr(at, 3000)));
+    EXPECT_FALSE(at + 3000 < text.size() && connection.Receive(20)) << "answered before the end";
+  }
+  EXPECT_EQ(connection.Answer().status, 400);
+  EXPECT_EQ(connection.Ask("GET", "/api/v1/jobs", Bearer("viewer")).status, 200);
+}
+
 TEST_F(HttpTest, ThePageNeedsNoSession) {
   const HttpReply page = Ask("GET", "/", {});
   EXPECT_EQ(page.status, 200);

@@ -208,5 +208,16 @@ TEST(CostModel, EffortOfAJobIsTheSumOfItsSteps) {
   EXPECT_NEAR(PredictMeasure(work, EffortOf({}, survey)).core_seconds, seconds, 1e-9 * seconds);
 }
 
+// `paper` warps each pair in both directions in an iteration, the default method in one.
+TEST(CostModel, OneDirectionHasHalfTheWarps) {
+  JobSettings settings;
+  const RefineEffort one = EffortOf(settings, SeenFromAbove(20));
+  EXPECT_GT(one.evaluations, 0);
+  EXPECT_EQ(one.warps, 0.5 * one.evaluations);
+  settings.method = "paper";
+  const RefineEffort both = EffortOf(settings, SeenFromAbove(20));
+  EXPECT_EQ(both.warps, both.evaluations);
+}
+
 }  // namespace
 }  // namespace tessera
