@@ -86,6 +86,8 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
     }
   }
   std::vector<FaceSums> sums(scene.mesh.faces.size());
+  const MeshPart part = {{{0, static_cast<uint32_t>(scene.mesh.faces.size())}},
+                         {{0, static_cast<uint32_t>(scene.mesh.vertices.size())}}};
   ReferenceStrip strip;
   ZnccScratch scratch;
   FaceSlots slots;
@@ -111,7 +113,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
       }
       pixels += static_cast<double>(pairs.size()) * texels.width * texels.height;
       const int strips = (texels.height + kRows - 1) / kRows;
-      gatherer.Begin(scene.mesh, views[i].camera, maps[i], all, strips);
+      gatherer.Begin(scene.mesh, part, views[i].camera, maps[i], all, strips, &sums);
       for (int s = 0; s < strips; ++s) {
         const double begin_s = CpuSeconds();
         strip.Reset(texels.width, texels.height, scene.options.window.radius, s * kRows,
@@ -128,7 +130,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
         run.Add({prepared_s - begin_s, summed_s - prepared_s, gathered_s - summed_s});
       }
       const double begin_s = CpuSeconds();
-      gatherer.Finish(&sums);
+      gatherer.Finish();
       run.Add({0, 0, CpuSeconds() - begin_s});
       checks->gradient += sums[0].gradient[0];
     }

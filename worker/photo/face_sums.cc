@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <atomic>
 
 #include "common/base/parallel.h"
 
@@ -12,6 +11,10 @@ using Eigen::Vector3d;
 
 namespace {
 
+constexpr int64_t kVertexGrain = 8192;
+// What belongs to the faces of a strip is scattered in memory. It is prefetched this many pixels or faces ahead.
+constexpr int kFar = 16, kNear = 8;
+
 void Add(const FaceSums& part, float pixels, FaceSums* total) {
   for (int c = 0; c < 3; ++c) {
     total->gradient[c] += part.gradient[c];
@@ -20,144 +23,202 @@ void Add(const FaceSums& part, float pixels, FaceSums* total) {
   total->pairs += part.pairs / pixels;
 }
 
-// Sums over consecutive pixels of a row.
-struct RunSums {
-  float g = 0, h = 0, gx = 0, hx = 0, pairs = 0;
-};
-
-// Writes the begins of the runs of equal values, and the end of the last. Returns the number of runs.
-int FindRuns(const int32_t* values, int count, int32_t* starts) {
-  int runs = 0;
-  for (int i = 0; i < count; ++i) {
-    starts[runs] = i;
-    runs += i + 1 == count || values[i + 1] != values[i];
-  }
-  // Each entry holds the last pixel of its run up to here.
-  for (int run = runs; run > 0; --run) starts[run] = starts[run - 1] + 1;
-  starts[0] = 0;
-  return runs;
-}
-
-// Where `b` is infinite, `a` must still be finite or infinite, not NaN: such products are not used.
-void Multiply(const float* a, const float* b, int count, float* out) {
-  for (int i = 0; i < count; ++i) out[i] = a[i] * b[i];
-}
-
 }  // namespace
 
-void FaceGatherer::Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map,
-                         const std::vector<uint8_t>& own, int strips) {
+void FaceGatherer::Begin(const TriangleMesh& mesh, const MeshPart& part, const PosedCamera& camera, const FaceMap& map,
+                         const std::vector<uint8_t>& own, int strips, std::vector<FaceSums>* sums) {
   mesh_ = &mesh;
   camera_ = &camera;
   map_ = &map;
   own_ = &own;
-  parts_.resize(strips);
-  strips_of_face_.resize(mesh.faces.size(), 0);
+  sums_ = sums;
+  shared_.resize(strips);
+  corners_.resize(mesh.vertices.size());
+  const CameraWindow window = {camera, {map.x0, map.y0, map.x0 + map.width, map.y0 + map.height}};
+  for (const auto& [first, last] : part.vertices) {
+    ParallelFor(last - first, kVertexGrain, [&, base = first](int64_t begin, int64_t end) {
+      const size_t at = base + static_cast<size_t>(begin);
+      ProjectToGrid(mesh.vertices.data() + at, end - begin, window, kNearPlane_m, corners_.data() + at);
+    });
+  }
 }
 
-FaceGatherer::Part FaceGatherer::ToCorners(const Moments& m) const {
-  Part part;
-  part.face = m.face;
-  const auto [sum_g, sum_h, sum_gx, sum_hx, sum_gy, sum_hy, pairs, pixels] = m.sums;
-  part.pixels = pixels;
-  part.sums.pairs = pairs;
-  if (sum_h == 0) return part;
+void FaceGatherer::UnboundedToCorners(const FaceMoments& m, FaceSums* out) const {
   const Vector3d centre = camera_->Centre();
   const Vector3d a = mesh_->Corner(m.face, 0) - centre, b = mesh_->Corner(m.face, 1) - centre,
                  c = mesh_->Corner(m.face, 2) - centre;
   // z r = Σ φ_k V_k, so φ = z V⁻¹ r; the rows of V⁻¹ are cross products of the columns of V.
   const Vector3d rows[3] = {b.cross(c), c.cross(a), a.cross(b)};
   const double determinant = a.dot(rows[0]);
-  if (determinant == 0) return part;
+  if (determinant == 0) return;
   const PinholeCamera& k = camera_->intrinsics;
-  const double rx = (map_->x0 + m.x0 + 0.5 - k.cx) / k.fx, ry = (map_->y0 + m.y0 + 0.5 - k.cy) / k.fy;
+  const double rx = (map_->x0 + m.x + 0.5 - k.cx) / k.fx, ry = (map_->y0 + m.y + 0.5 - k.cy) / k.fy;
   const double scale = 1 / determinant;
   const auto ray_sum = [&](double one, double x, double y) -> Vector3d {
     return camera_->rotation_cam_from_world.transpose() *
            Vector3d(scale * (rx * one + x / k.fx), scale * (ry * one + y / k.fy), scale * one);
   };
-  const Vector3d g = ray_sum(sum_g, sum_gx, sum_gy), h = ray_sum(sum_h, sum_hx, sum_hy);
+  const Vector3d g = ray_sum(m.sums[0], m.moments[0], m.moments[2]), h = ray_sum(m.sums[1], m.moments[1], m.moments[3]);
   for (int i = 0; i < 3; ++i) {
-    part.sums.gradient[i] = static_cast<float>(rows[i].dot(g));
-    part.sums.curvature[i] = static_cast<float>(rows[i].dot(h));
+    out->gradient[i] = static_cast<float>(rows[i].dot(g));
+    out->curvature[i] = static_cast<float>(rows[i].dot(h));
+  }
+}
+
+FaceGatherer::Part FaceGatherer::ToCorners(const FaceMoments& m) const {
+  Part part;
+  part.face = m.face;
+  part.pixels = m.sums[3];
+  part.sums.pairs = m.sums[2];
+  if (m.sums[1] == 0) return part;
+  const Triangle& face = mesh_->faces[m.face];
+  const GridVertex* corners[3] = {&corners_[face[0]], &corners_[face[1]], &corners_[face[2]]};
+  if ((corners[0]->off_grid | corners[1]->off_grid | corners[2]->off_grid) != 0) {
+    UnboundedToCorners(m, &part.sums);
+    return part;
+  }
+  // Relative to the centre of the first pixel, in pixels.
+  constexpr double kPixels = 1.0 / kGridPerPixel;
+  const double x0 = m.x + 0.5, y0 = m.y + 0.5;
+  double x[3], y[3];
+  for (int c = 0; c < 3; ++c) {
+    x[c] = kPixels * corners[c]->x - x0;
+    y[c] = kPixels * corners[c]->y - y0;
+  }
+  // φ_k = z λ_k / z_k, where λ_k is the part of the image of the face between the pixel and the edge opposite k.
+  double area[3], per_column[3], per_row[3];
+  for (int k = 0; k < 3; ++k) {
+    const int p = (k + 1) % 3, q = (k + 2) % 3;
+    area[k] = x[p] * y[q] - y[p] * x[q];
+    per_column[k] = y[p] - y[q];
+    per_row[k] = x[q] - x[p];
+  }
+  const double total = area[0] + area[1] + area[2];
+  if (total == 0) return part;
+  const double scale = 1 / total;
+  for (int k = 0; k < 3; ++k) {
+    const double weight = scale * corners[k]->inverse_z;
+    const double one = weight * area[k], column = weight * per_column[k], row = weight * per_row[k];
+    part.sums.gradient[k] = static_cast<float>(one * m.sums[0] + column * m.moments[0] + row * m.moments[2]);
+    part.sums.curvature[k] = static_cast<float>(one * m.sums[1] + column * m.moments[1] + row * m.moments[3]);
   }
   return part;
 }
 
-void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* slots_of_thread) {
-  std::vector<uint64_t>& slots = slots_of_thread->slots;
-  const uint64_t call = static_cast<uint64_t>(++slots_of_thread->call) << 32;
-  if (slots.size() < mesh_->faces.size()) slots.resize(mesh_->faces.size(), 0);
-  std::vector<Moments> found;
-  found.reserve(parts_[strip].size() + 64);
-  const int width = map_->width;
-  // Per row: the begins of runs and the summands, computed first without branches.
-  std::vector<int32_t> starts(width + 2);
-  std::vector<float> gradient(width), curvature(width);
-  for (int y = planes.row_begin; y < planes.row_end; ++y) {
-    const int32_t* faces = map_->face.data() + static_cast<size_t>(y) * width;
-    const float* count = planes.count.row(y);
-    Multiply(planes.gradient.row(y), planes.depth.row(y), width, gradient.data());
-    Multiply(planes.curvature.row(y), planes.depth.row(y), width, curvature.data());
-    const int runs = FindRuns(faces, width, starts.data());
-    for (int run = 0; run < runs; ++run) {
-      const int begin = starts[run], end = starts[run + 1], face = faces[begin];
-      if (face < 0 || (!own_->empty() && !(*own_)[face])) continue;
-      uint64_t entry = slots[face];
-      if ((entry ^ call) >> 32 != 0) {
-        entry = slots[face] = call | found.size();
-        found.push_back({face, begin, y, {}});
-      }
-      Moments& moments = found[entry & 0xffffffffu];
-      RunSums sums;
-      float dx = static_cast<float>(begin - moments.x0);
-      for (int x = begin; x < end; ++x, dx += 1) {
-        sums.g += gradient[x];
-        sums.h += curvature[x];
-        sums.gx += gradient[x] * dx;
-        sums.hx += curvature[x] * dx;
-        sums.pairs += count[x];
-      }
-      const float dy = static_cast<float>(y - moments.y0);
-      const float parts[8] = {sums.g,      sums.h,      sums.gx,    sums.hx,
-                              sums.g * dy, sums.h * dy, sums.pairs, static_cast<float>(end - begin)};
-      for (int i = 0; i < 8; ++i) moments.sums[i] += parts[i];
-    }
+bool FaceGatherer::IsWithin(int32_t face, int row_begin, int row_end) const {
+  const Triangle& corners = mesh_->faces[face];
+  int32_t off_grid = 0;
+  bool within = true;
+  for (const uint32_t v : corners) {
+    const GridVertex& corner = corners_[v];
+    off_grid |= corner.off_grid;
+    within = within && corner.y > int64_t{row_begin - 1} * kGridPerPixel + kGridHalf &&
+             corner.y < int64_t{row_end} * kGridPerPixel + kGridHalf;
   }
-  std::vector<Part>& parts = parts_[strip];
-  parts.clear();
-  for (const Moments& m : found) {
-    parts.push_back(ToCorners(m));
-    std::atomic_ref<uint8_t> strips(strips_of_face_[m.face]);
-    uint8_t none = 0;
-    if (!strips.compare_exchange_strong(none, 1, std::memory_order_relaxed)) strips.store(2, std::memory_order_relaxed);
+  return within && off_grid == 0;
+}
+
+template <bool kAll>
+void FaceGatherer::AddRow(const ReferenceStrip& planes, int y, FaceSlots* buffers) const {
+  const int width = map_->width;
+  const int32_t* faces = map_->face.data() + static_cast<size_t>(y) * width;
+  const uint64_t call = static_cast<uint64_t>(buffers->call) << 32;
+  std::vector<FaceMoments>& found = buffers->found;
+  uint64_t* slots = buffers->slots.data();
+  int32_t *columns = buffers->columns.data(), *indices = buffers->indices.data(),
+          *first_columns = buffers->first_columns.data();
+  // Branch-free: whether a pixel sees the face of the one before is unpredictable.
+  const size_t known = found.size();
+  size_t size = known;
+  int count = 0;
+  for (int x = 0; x < width; ++x) {
+    __builtin_prefetch(&slots[faces[std::min(x + kFar, width - 1)] + 1], 1);
+    const int32_t face = faces[x];
+    bool wanted = face >= 0;
+    if constexpr (!kAll) wanted = wanted && (*own_)[face] != 0;
+    const size_t slot = wanted ? static_cast<size_t>(face) + 1 : 0;
+    const uint64_t entry = slots[slot];
+    const bool is_new = (entry ^ call) >> 32 != 0;
+    const uint64_t index = is_new ? size : entry & 0xffffffffu;
+    slots[slot] = call | index;
+    columns[count] = x;
+    indices[count] = static_cast<int32_t>(index);
+    first_columns[size - known] = x;
+    size += is_new;
+    count += wanted;
+  }
+  found.resize(size);
+  for (size_t i = known; i < size; ++i) {
+    FaceMoments& moments = found[i];
+    const int x = first_columns[i - known];
+    const auto fx = static_cast<float>(x), fy = static_cast<float>(y);
+    moments.first_pixel = FaceMoments::Lanes{fx, fx, fy, fy};
+    moments.face = faces[x];
+    moments.x = x;
+    moments.y = y;
+  }
+  const float *gradient = planes.gradient.row(y), *curvature = planes.curvature.row(y), *pairs = planes.count.row(y),
+              *depth = planes.depth.row(y);
+  const auto fy = static_cast<float>(y);
+  for (int i = 0; i < count; ++i) {
+    const int x = columns[i];
+    FaceMoments& moments = found[indices[i]];
+    const float g = gradient[x] * depth[x], h = curvature[x] * depth[x];
+    const auto fx = static_cast<float>(x);
+    moments.sums += FaceMoments::Lanes{g, h, pairs[x], 1};
+    moments.moments +=
+        FaceMoments::Lanes{g, h, g, h} * (FaceMoments::Lanes{fx, fx, fy, fy} - moments.first_pixel);
   }
 }
 
-void FaceGatherer::Finish(std::vector<FaceSums>* sums) {
-  // Faces in a single strip are added directly. Parts of faces in several strips are added in the order of the
-  // strips.
-  std::vector<std::vector<Part>> shared(parts_.size());
-  ParallelForEach(parts_.size(), 1, [&](int64_t s) {
-    for (const Part& part : parts_[s]) {
-      if (strips_of_face_[part.face] > 1) {
-        shared[s].push_back(part);
-      } else {
-        Add(part.sums, part.pixels, &(*sums)[part.face]);
-        strips_of_face_[part.face] = 0;
-      }
+void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* buffers) {
+  ++buffers->call;
+  if (buffers->slots.size() < mesh_->faces.size() + 1) buffers->slots.resize(mesh_->faces.size() + 1, 0);
+  buffers->slots[0] = static_cast<uint64_t>(buffers->call) << 32;
+  buffers->found.clear();
+  for (std::vector<int32_t>* row : {&buffers->columns, &buffers->indices, &buffers->first_columns}) {
+    row->resize(static_cast<size_t>(map_->width) + 1);
+  }
+  for (int y = planes.row_begin; y < planes.row_end; ++y) {
+    if (own_->empty()) {
+      AddRow<true>(planes, y, buffers);
+    } else {
+      AddRow<false>(planes, y, buffers);
     }
-  });
-  std::vector<Part> rest;
-  for (const std::vector<Part>& of_strip : shared) rest.insert(rest.end(), of_strip.begin(), of_strip.end());
-  std::stable_sort(rest.begin(), rest.end(), [](const Part& a, const Part& b) { return a.face < b.face; });
-  for (size_t first = 0; first < rest.size();) {
-    const int32_t face = rest[first].face;
+  }
+  std::vector<Part>& shared = shared_[strip];
+  shared.clear();
+  const std::vector<FaceMoments>& found = buffers->found;
+  for (size_t i = 0; i < found.size(); ++i) {
+    if (i + kFar < found.size()) {
+      const int32_t face = found[i + kFar].face;
+      __builtin_prefetch(&mesh_->faces[face]);
+      __builtin_prefetch(&(*sums_)[face], 1);
+      __builtin_prefetch(&(*sums_)[face].pairs, 1);
+    }
+    if (i + kNear < found.size()) {
+      for (const uint32_t v : mesh_->faces[found[i + kNear].face]) __builtin_prefetch(&corners_[v]);
+    }
+    const Part part = ToCorners(found[i]);
+    if (IsWithin(part.face, planes.row_begin, planes.row_end)) {
+      Add(part.sums, part.pixels, &(*sums_)[part.face]);
+    } else {
+      shared.push_back(part);
+    }
+  }
+}
+
+void FaceGatherer::Finish() {
+  std::vector<Part> shared;
+  for (const std::vector<Part>& of_strip : shared_) shared.insert(shared.end(), of_strip.begin(), of_strip.end());
+  // Parts of a face are added in the order of the strips.
+  std::stable_sort(shared.begin(), shared.end(), [](const Part& a, const Part& b) { return a.face < b.face; });
+  for (size_t first = 0; first < shared.size();) {
+    const int32_t face = shared[first].face;
     float pixels = 0;
     size_t last = first;
-    for (; last < rest.size() && rest[last].face == face; ++last) pixels += rest[last].pixels;
-    for (; first < last; ++first) Add(rest[first].sums, pixels, &(*sums)[face]);
-    strips_of_face_[face] = 0;
+    for (; last < shared.size() && shared[last].face == face; ++last) pixels += shared[last].pixels;
+    for (; first < last; ++first) Add(shared[first].sums, pixels, &(*sums_)[face]);
   }
 }
 

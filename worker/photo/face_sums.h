@@ -9,6 +9,8 @@
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "worker/photo/reference_strip.h"
+#include "worker/visibility/mesh_cells.h"
+#include "worker/visibility/raster_kernel.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -20,50 +22,66 @@ struct FaceSums {
   float pairs = 0;  // mean number of pairs per pixel of the face, summed over views
 };
 
-// Buffer of FaceGatherer::AddStrip, one per thread, reused between calls.
+// Sums over the pixels of a face in one strip. Sums over pixels suffice because a barycentric coordinate divided by z is
+// affine in the image.
+struct alignas(16) FaceMoments {
+  using Lanes = float __attribute__((vector_size(16)));
+
+  Lanes sums = {};        // of g z, h z, the pairs, 1
+  Lanes moments = {};     // of g z x, h z x, g z y, h z y; x and y are relative to the face's first pixel
+  Lanes first_pixel = {};  // x, x, y, y
+  int32_t face = -1;
+  int32_t x = 0, y = 0;  // the face's first pixel, in the map
+};
+
+// Buffers of FaceGatherer::AddStrip, one per thread, reused between calls.
 struct FaceSlots {
   uint32_t call = 0;
-  // Per face: the index of its entry in the current list and, in the upper half, the call that wrote it, so that the
-  // buffer need not be cleared.
+  // Per face, after an entry for pixels without a face: the index of the face in `found` and, in the upper half, the
+  // call that wrote it, so that the buffer need not be cleared.
   std::vector<uint64_t> slots;
+  std::vector<FaceMoments> found;
+  // Of the pixels of a row that see a face to sum: the column, and the index of the face in `found`.
+  std::vector<int32_t> columns, indices;
+  std::vector<int32_t> first_columns;  // of the faces found in a row
 };
 
 // Reduces one view, strip by strip. Strips may be added in any order and from any thread with the same result.
 class FaceGatherer {
  public:
-  // Starts a view with strips 0 .. strips - 1. `own`: flags of the faces to sum; empty: all. The references must stay
-  // valid until Finish.
-  void Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map, const std::vector<uint8_t>& own,
-             int strips);
+  // Starts a view. `map`: drawn from `camera`, of faces in `part` only. `own`: flags of the faces to sum; empty: all.
+  // `sums`: one entry per face; strips add to it. The references must stay valid until Finish.
+  void Begin(const TriangleMesh& mesh, const MeshPart& part, const PosedCamera& camera, const FaceMap& map,
+             const std::vector<uint8_t>& own, int strips, std::vector<FaceSums>* sums);
   // Marks a strip as empty.
-  void SkipStrip(int strip) { parts_[strip].clear(); }
+  void SkipStrip(int strip) { shared_[strip].clear(); }
   // Adds the planes of a finished strip. Thread-safe for different strips and slots.
   void AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* slots);
-  // Adds the view to `sums`, one entry per face.
-  void Finish(std::vector<FaceSums>* sums);
+  // Adds the faces that reach over the border of a strip.
+  void Finish();
 
  private:
-  // Moments of one strip's pixels of a face: sums of g z, h z, g z x, h z x, g z y, h z y, of the pairs, and of 1. x
-  // and y are relative to the face's first pixel. Moments suffice because a barycentric coordinate is z times an
-  // affine function of the pixel.
-  struct Moments {
-    int32_t face = -1;
-    int32_t x0 = 0, y0 = 0;
-    std::array<float, 8> sums = {};
-  };
+  // Of one strip's pixels of a face.
   struct Part {
     int32_t face = -1;
     FaceSums sums;  // `pairs` before division by the pixels
     float pixels = 0;
   };
-  Part ToCorners(const Moments& moments) const;
+  template <bool kAll>
+  void AddRow(const ReferenceStrip& planes, int y, FaceSlots* buffers) const;
+  Part ToCorners(const FaceMoments& moments) const;
+  // ToCorners of a face that the rasteriser's grid does not hold.
+  void UnboundedToCorners(const FaceMoments& moments, FaceSums* out) const;
+  // Whether all pixel centres in the image of a face are in these rows.
+  bool IsWithin(int32_t face, int row_begin, int row_end) const;
 
   const TriangleMesh* mesh_ = nullptr;
   const PosedCamera* camera_ = nullptr;
   const FaceMap* map_ = nullptr;
   const std::vector<uint8_t>* own_ = nullptr;
-  std::vector<std::vector<Part>> parts_;  // per strip
-  std::vector<uint8_t> strips_of_face_;   // of each face: 0, 1, or 2 for two or more strips; zero between views
+  std::vector<FaceSums>* sums_ = nullptr;
+  std::vector<GridVertex> corners_;        // vertices in the map
+  std::vector<std::vector<Part>> shared_;  // per strip: faces that may have pixels in other strips
 };
 
 }  // namespace tessera

@@ -236,7 +236,7 @@ void PhotoTerm::EvaluateReference(std::span<const ViewPair> pairs, const Triangl
   }
   const int height = texels.height, strips = (height + kStripRows - 1) / kStripRows;
   std::vector<ZnccSums> sums(strips);
-  gatherer_.Begin(mesh, camera, maps_[i], own, strips);
+  gatherer_.Begin(mesh, parts_[i], camera, maps_[i], own, strips, &out->faces);
   ParallelFor(strips, 1, [&](int64_t begin, int64_t end) {
     std::unique_ptr<Workspace> work = TakeWorkspace();
     ReferenceStrip& strip = work->strip;
@@ -261,7 +261,7 @@ void PhotoTerm::EvaluateReference(std::span<const ViewPair> pairs, const Triangl
   });
   for (const ZnccSums& part : sums) out->sums.Add(part);
   out->warped_pixels += static_cast<int64_t>(warps.size()) * height * texels.width;
-  gatherer_.Finish(&out->faces);
+  gatherer_.Finish();
 }
 
 void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
