@@ -4,29 +4,42 @@
 
 namespace tessera {
 
-std::vector<MeshEdge> EdgeList(const std::vector<Triangle>& faces) {
-  struct Side {
-    uint32_t a, b;
-    int32_t face;
-    bool left;
-  };
-  std::vector<Side> sides;
-  sides.reserve(3 * faces.size());
-  for (size_t f = 0; f < faces.size(); ++f) {
-    for (int k = 0; k < 3; ++k) {
-      const uint32_t from = faces[f][k], to = faces[f][(k + 1) % 3];
-      sides.push_back({std::min(from, to), std::max(from, to), static_cast<int32_t>(f), from < to});
+std::vector<FaceSide> SortedSides(const std::vector<Triangle>& faces) {
+  // Counts the sides of each lower vertex, then sorts the few sides of a vertex. Several times as fast as one sort.
+  uint32_t vertices = 0;
+  for (const Triangle& face : faces) vertices = std::max({vertices, face[0] + 1, face[1] + 1, face[2] + 1});
+  std::vector<uint32_t> end(static_cast<size_t>(vertices) + 1, 0);
+  const auto for_sides = [&](const auto& body) {
+    for (size_t f = 0; f < faces.size(); ++f) {
+      for (uint32_t k = 0; k < 3; ++k) {
+        const uint32_t from = faces[f][k], to = faces[f][(k + 1) % 3];
+        body(FaceSide{std::min(from, to), std::max(from, to), static_cast<uint32_t>(3 * f + k)});
+      }
     }
+  };
+  for_sides([&](const FaceSide& side) { ++end[side.a + 1]; });
+  for (uint32_t v = 0; v < vertices; ++v) end[v + 1] += end[v];
+  std::vector<FaceSide> sides(3 * faces.size());
+  for_sides([&](const FaceSide& side) { sides[end[side.a]++] = side; });
+  for (uint32_t v = 0, first = 0; v < vertices; first = end[v++]) {
+    std::sort(sides.begin() + first, sides.begin() + end[v], [](const FaceSide& x, const FaceSide& y) {
+      return x.b != y.b ? x.b < y.b : x.face_corner < y.face_corner;
+    });
   }
-  std::sort(sides.begin(), sides.end(), [](const Side& x, const Side& y) {
-    return x.a != y.a ? x.a < y.a : x.b != y.b ? x.b < y.b : x.face < y.face;
-  });
+  return sides;
+}
+
+std::vector<MeshEdge> EdgeList(const std::vector<Triangle>& faces) {
+  const std::vector<FaceSide> sides = SortedSides(faces);
   std::vector<MeshEdge> edges;
   edges.reserve(sides.size() / 2 + 1);
-  for (const Side& side : sides) {
-    if (edges.empty() || edges.back().a != side.a || edges.back().b != side.b)
+  for (const FaceSide& side : sides) {
+    if (edges.empty() || edges.back().a != side.a || edges.back().b != side.b) {
       edges.push_back({side.a, side.b, -1, -1});
-    (side.left ? edges.back().left : edges.back().right) = side.face;
+    }
+    const uint32_t face = side.face_corner / 3;
+    const bool left = faces[face][side.face_corner % 3] == side.a;
+    (left ? edges.back().left : edges.back().right) = static_cast<int32_t>(face);
   }
   return edges;
 }

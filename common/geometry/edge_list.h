@@ -16,6 +16,14 @@ struct MeshEdge {
   friend bool operator==(const MeshEdge&, const MeshEdge&) = default;
 };
 
+// A side of a face, between vertices a < b. `face_corner`: 3 f + k of the side from corner k of face f to the next.
+struct FaceSide {
+  uint32_t a = 0, b = 0, face_corner = 0;
+};
+
+// The sides of all faces, ordered by (a, b, face_corner). Any mesh of fewer than 2^32 / 3 faces.
+std::vector<FaceSide> SortedSides(const std::vector<Triangle>& faces);
+
 // Every edge once, ordered by (a, b). The faces must be consistently oriented, with at most two faces at an edge. The
 // vertices need not be manifold, so `faces` may be any part of a manifold mesh; its edges then come in the same order.
 std::vector<MeshEdge> EdgeList(const std::vector<Triangle>& faces);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "common/geometry/edge_list.h"
 
 namespace tessera {
 namespace {
@@ -18,10 +19,7 @@ constexpr uint32_t kNone = 0xffffffffu;
 struct Edge {
   uint32_t low, high;
   bool operator==(const Edge&) const = default;
-  bool operator<(const Edge& o) const { return low != o.low ? low < o.low : high < o.high; }
 };
-
-Edge MakeEdge(uint32_t a, uint32_t b) { return {std::min(a, b), std::max(a, b)}; }
 
 // Longest squared projection of the segment over the cameras that see both ends.
 double LongestSquaredPx(const Vector3d& a, const Vector3d& b, const std::vector<PosedCamera>& cameras) {
@@ -43,24 +41,12 @@ struct EdgeTable {
 };
 
 EdgeTable MakeEdges(const std::vector<Triangle>& faces) {
-  struct Use {
-    Edge edge;
-    uint32_t face_corner;
-    bool operator<(const Use& o) const { return edge == o.edge ? face_corner < o.face_corner : edge < o.edge; }
-  };
-  std::vector<Use> uses;
-  uses.reserve(faces.size() * 3);
-  for (size_t f = 0; f < faces.size(); ++f) {
-    for (int k = 0; k < 3; ++k) {
-      uses.push_back({MakeEdge(faces[f][k], faces[f][(k + 1) % 3]), static_cast<uint32_t>(3 * f + k)});
-    }
-  }
-  std::sort(uses.begin(), uses.end());
   EdgeTable table;
   table.of_face.resize(faces.size());
-  for (const Use& use : uses) {
-    if (table.edges.empty() || !(table.edges.back() == use.edge)) table.edges.push_back(use.edge);
-    table.of_face[use.face_corner / 3][use.face_corner % 3] = static_cast<uint32_t>(table.edges.size() - 1);
+  for (const FaceSide& side : SortedSides(faces)) {
+    const Edge edge = {side.a, side.b};
+    if (table.edges.empty() || !(table.edges.back() == edge)) table.edges.push_back(edge);
+    table.of_face[side.face_corner / 3][side.face_corner % 3] = static_cast<uint32_t>(table.edges.size() - 1);
   }
   return table;
 }
