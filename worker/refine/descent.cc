@@ -240,10 +240,10 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
     inter.AddGradient(mesh.vertices, options.inter, photo.pairs, &rhs);
     inter_curvature = inter.Curvature(mesh.vertices, options.inter, photo.pairs);
   }
-  for (size_t v = 0; v < rhs.size(); ++v) rhs[v] = -(rhs[v] + photo.gradient[v]);
+  ParallelForEach(rhs.size(), kGrain, [&](size_t v) { rhs[v] = -(rhs[v] + photo.gradient[v]); });
   smooth.SolveStep(photo.curvature, rhs, options.weights, options.smoothing_sweeps, &step,
                    options.inter > 0 ? &inter_curvature : nullptr);
-  for (size_t v = 0; v < step.size(); ++v) {
+  ParallelForEach(step.size(), kGrain, [&](size_t v) {
     Vector3d& s = step[v];
     const double data = photo.curvature[v].trace();
     if (data > 0 && !s.isZero(0)) {  // fixed vertices keep a zero step
@@ -254,15 +254,15 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
     if (smooth.on_boundary(v)) s = BoundaryStep(s, guard.start_normal(v), options.up);
     const double length = s.norm();
     if (length > options.max_step_m) s *= options.max_step_m / length;
-  }
+  });
   guard.LimitDisplacement(mesh.vertices, &step);
   if (options.grid_m > 0) {
-    for (size_t v = 0; v < step.size(); ++v) {
+    ParallelForEach(step.size(), kGrain, [&](size_t v) {
       const Vector3d& from = mesh.vertices[v];
-      if (step[v].isZero(0)) continue;  // fixed
+      if (step[v].isZero(0)) return;  // fixed
       const Vector3d to = options.grid_m * ((from + step[v]) / options.grid_m).array().round().matrix();
       if (guard.Contains(v, to)) step[v] = to - from;
-    }
+    });
   }
   guard.LimitFolding(mesh, options.min_turn_cosine, &step);
   return step;

@@ -258,7 +258,8 @@ class SmoothTerm::System {
   // corner. Its additional terms are moved to the right-hand side of the sweep.
   struct Special {
     uint32_t slot = 0;
-    int32_t inter = -1;  // index in the incidence
+    int32_t inter = -1;                    // index in the incidence
+    uint32_t edges_begin = 0, edges = 0;  // in edge_weights_; none without a membrane of its own
     Lanes rhs = {0, 0, 0, 0}, membrane = {0, 0, 0, 0};
   };
 
@@ -279,9 +280,30 @@ class SmoothTerm::System {
       }
       residuals_.resize(inter_->corners.size());
     }
+    uint32_t edge_count = 0;
     for (size_t p = 0; p < layout_.vertex_at.size(); ++p) {
       const int32_t at = inter_ ? inter_at[p] : -1;
-      if (term_.diagonals_[p].special || at >= 0) specials_.push_back({static_cast<uint32_t>(p), at});
+      if (!term_.diagonals_[p].special && at < 0) continue;
+      Special special = {static_cast<uint32_t>(p), at};
+      special.edges_begin = edge_count;
+      if (term_.diagonals_[p].special && weights_.membrane != 0) {
+        special.edges = layout_.ring_begin[p + 1] - layout_.ring_begin[p];
+      }
+      edge_count += special.edges;
+      specials_.push_back(special);
+    }
+    edge_weights_.resize(edge_count);
+    ParallelForEach(specials_.size(), kSpecialGrain, [&](size_t i) { WeighEdges(specials_[i]); });
+  }
+
+  // The membrane's weights of the edges about a special vertex; 0 of edges without a membrane.
+  void WeighEdges(const Special& special) {
+    const OneRings& rings = term_.rings_;
+    const uint32_t v = layout_.vertex_at[special.slot];
+    for (uint32_t i = 0; i < special.edges; ++i) {
+      const uint32_t e = rings.begin[v] + i, w = rings.to[e];
+      if (!rings.inner[e] || (rings.on_boundary[v] && rings.on_boundary[w])) continue;
+      edge_weights_[special.edges_begin + i] = static_cast<float>(weights_.membrane * term_.EdgeFactor(v, w) / 6);
     }
   }
 
@@ -359,13 +381,10 @@ class SmoothTerm::System {
       rows_[p].SetVector(row);
     }
     special->membrane = Lanes{0, 0, 0, 0};
-    if (!term_.diagonals_[p].special || weights_.membrane == 0) return;
     const uint32_t* slots = layout_.ring.data() + layout_.ring_begin[p];
-    for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e, ++slots) {
-      const uint32_t w = rings.to[e];
-      if (!rings.inner[e] || (rings.on_boundary[v] && rings.on_boundary[w])) continue;
-      const float weight = static_cast<float>(weights_.membrane * term_.EdgeFactor(v, w) / 6);
-      special->membrane += Broadcast(weight) * (step_[p].lanes - step_[*slots].lanes);
+    const float* weights = edge_weights_.data() + special->edges_begin;
+    for (uint32_t e = 0; e < special->edges; ++e) {
+      special->membrane += Broadcast(weights[e]) * (step_[p].lanes - step_[slots[e]].lanes);
     }
   }
 
@@ -417,6 +436,7 @@ class SmoothTerm::System {
   const SmoothWeights& weights_;
   const InterCurvature* inter_;
   std::vector<Special> specials_;    // ascending by slot
+  std::vector<float> edge_weights_;
   std::vector<Vector3f> residuals_;  // of inter_'s corners, weighted
   std::vector<SymmetricBlock> data_, inverse_;
   std::vector<RightSide> rhs_;
