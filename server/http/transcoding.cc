@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "server/http/message_json.h"
 
 namespace tessera {
 namespace {
@@ -91,12 +92,7 @@ StatusOr<std::string> JsonOf(std::string_view rpc, const std::string& answer) {
   if (method == nullptr) return NoMethod(rpc);
   const std::unique_ptr<Message> message = NewMessage(*method->output_type());
   if (!message->ParseFromString(answer)) return absl::InternalError("malformed answer");
-  google::protobuf::util::JsonPrintOptions options;
-  options.always_print_primitive_fields = true;
-  std::string json;
-  const auto printed = google::protobuf::util::MessageToJsonString(*message, &json, options);
-  if (!printed.ok()) return absl::InternalError(std::string(printed.message()));
-  return json;
+  return JsonOfMessage(*message);
 }
 
 }  // namespace tessera
