@@ -242,6 +242,7 @@ const std::string& CoordinatorServer::address() const { return impl_->addresses.
 const std::vector<std::string>& CoordinatorServer::addresses() const { return impl_->addresses; }
 
 LocalCalls& CoordinatorServer::local_calls() { return *impl_->local_calls; }
+JobWatches& CoordinatorServer::watches() { return impl_->jobs.watches(); }
 std::shared_ptr<TlsCertificates> CoordinatorServer::certificates() const { return impl_->certificates; }
 const Access& CoordinatorServer::access() const { return *impl_->environment.access; }
 
@@ -270,7 +271,7 @@ void CoordinatorServer::Shutdown(double grace_s) {
                           std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));
   impl_->server->Wait();
   impl_->server.reset();
-  impl_->jobs.StopWatches();
+  impl_->jobs.watches().Stop();
 }
 
 }  // namespace tessera

@@ -19,6 +19,7 @@
 
 namespace tessera {
 
+class JobWatches;
 class LocalCalls;
 class TlsCertificates;
 
@@ -78,6 +79,8 @@ class CoordinatorServer {
   const std::vector<std::string>& addresses() const;
   // Calls of these services from inside the process; stops with Shutdown.
   LocalCalls& local_calls();
+  // Those of WatchJob, for watches inside the process; they end with Shutdown.
+  JobWatches& watches();
   // Null without TLS.
   std::shared_ptr<TlsCertificates> certificates() const;
   const Access& access() const;

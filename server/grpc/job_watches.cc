@@ -45,12 +45,8 @@ double CpuSecondsOfThread() {
 Status Gone() { return absl::CancelledError("cancelled: the caller has disconnected"); }
 Status Stops() { return RetryAfter(absl::UnavailableError("unavailable: the coordinator is stopping"), kRestart_s); }
 
-// A serialized state of a job, shared by all its watchers.
-struct Update {
-  int64_t number = 0;  // ascending
-  std::string etag;
-  grpc::ByteBuffer bytes;
-  bool last = false;  // the job has ended
+struct Update : JobUpdate {
+  grpc::ByteBuffer bytes;  // `message`
 };
 
 v1::WatchJobResponse MessageOf(const WatchedJob& watched) {
@@ -95,20 +91,32 @@ class JobWatches::Watching {
       ends_ = true;
     }
     end_.notify_one();
+    newer_.notify_all();
     if (thread_.joinable()) thread_.join();
   }
+
+  ClientLimits& limits() { return limits_; }
 
   class Call;
   grpc::ServerWriteReactor<grpc::ByteBuffer>* Watch(grpc::CallbackServerContext* context,
                                                     const grpc::ByteBuffer& request);
+  // As JobWatches::Open: adds a local watch. Sets the number of the state that the caller has seen.
+  Status BeginLocal(const std::string& job, const std::string& seen_etag, int64_t* seen, bool* saw_last);
+  void EndLocal(const std::string& job);
+  // Null: there is no newer one in time. An error ends the watch.
+  StatusOr<std::shared_ptr<const JobUpdate>> AwaitNewer(const std::string& job, int64_t seen, double seconds);
+  StatusOr<std::shared_ptr<const JobUpdate>> Newest(const std::string& job);
 
  private:
   // A watched job.
   struct Watched {
     std::shared_ptr<const Update> newest;
-    int64_t offered = 0;  // number of the newest update that was offered to all watchers
+    Steady::time_point looked;  // when `newest` was known to be the newest
+    int64_t offered = 0;        // number of the newest update that was offered to all watchers
     bool end_waits = false;
     std::set<std::shared_ptr<Call>> calls;
+    int locals = 0;
+    Status end;  // an error: ends the local watches
   };
   using WatchedJobs = std::map<std::string, Watched>;
 
@@ -127,7 +135,7 @@ class JobWatches::Watching {
   const Access& access_;
   ClientLimits& limits_;
   std::mutex mutex_;
-  std::condition_variable end_;
+  std::condition_variable end_, newer_;
   bool ends_ = false;
   WatchedJobs jobs_;
   int64_t updates_ = 0;
@@ -264,12 +272,62 @@ void JobWatches::Watching::EndWatch(const std::shared_ptr<Call>& call) {
   const auto job = jobs_.find(call->job);
   if (job == jobs_.end()) return;
   job->second.calls.erase(call);
-  if (job->second.calls.empty()) jobs_.erase(job);
+  if (job->second.calls.empty() && job->second.locals == 0) jobs_.erase(job);
+}
+
+Status JobWatches::Watching::BeginLocal(const std::string& name, const std::string& seen_etag, int64_t* seen,
+                                        bool* saw_last) {
+  if (core_.stopped()) return Stops();
+  std::lock_guard lock(mutex_);
+  const auto [job, is_new] = jobs_.try_emplace(name);
+  Watched& watched = job->second;
+  if (const Status looked = LookLocked(name, watched); !looked.ok()) {
+    if (is_new) jobs_.erase(job);
+    return looked;
+  }
+  if (is_new) watched.offered = watched.newest->number;
+  ++watched.locals;
+  if (watched.newest->etag == seen_etag) {
+    *seen = watched.newest->number;
+    *saw_last = watched.newest->last;
+  }
+  return absl::OkStatus();
+}
+
+void JobWatches::Watching::EndLocal(const std::string& name) {
+  std::lock_guard lock(mutex_);
+  const auto job = jobs_.find(name);
+  if (--job->second.locals == 0 && job->second.calls.empty()) jobs_.erase(job);
+}
+
+StatusOr<std::shared_ptr<const JobUpdate>> JobWatches::Watching::AwaitNewer(const std::string& name, int64_t seen,
+                                                                            double seconds) {
+  std::unique_lock lock(mutex_);
+  const Watched& watched = jobs_.at(name);
+  const auto ends = [&] { return ends_ || core_.stopped(); };
+  newer_.wait_for(lock, std::chrono::duration<double>(seconds),
+                  [&] { return ends() || !watched.end.ok() || watched.newest->number > seen; });
+  if (ends()) return Stops();
+  if (!watched.end.ok()) return watched.end;
+  return watched.newest->number > seen ? watched.newest : nullptr;
+}
+
+StatusOr<std::shared_ptr<const JobUpdate>> JobWatches::Watching::Newest(const std::string& name) {
+  if (core_.stopped()) return Stops();
+  std::lock_guard lock(mutex_);
+  const auto job = jobs_.find(name);
+  if (job != jobs_.end() && SecondsSince(job->second.looked) < kInterval_s) return job->second.newest;
+  Watched unwatched;
+  Watched& watched = job == jobs_.end() ? unwatched : job->second;
+  TESSERA_RETURN_IF_ERROR(LookLocked(name, watched));
+  return watched.newest;
 }
 
 Status JobWatches::Watching::LookLocked(const std::string& job, Watched& watched) {
   TESSERA_ASSIGN_OR_RETURN(const WatchedJob looked, all_jobs_.WatchJob(job, kMaxRunning));
   watched.end_waits = looked.end_waits;
+  watched.looked = Steady::now();
+  watched.end = absl::OkStatus();
   v1::WatchJobResponse message = MessageOf(looked);
   message.set_etag(EtagOf(message));
   if (watched.newest != nullptr && watched.newest->etag == message.etag()) return absl::OkStatus();
@@ -277,7 +335,8 @@ Status JobWatches::Watching::LookLocked(const std::string& job, Watched& watched
   update->number = ++updates_;
   update->etag = message.etag();
   update->last = HasEnded(looked.job.header.state);
-  const grpc::Slice slice(message.SerializeAsString());
+  update->message = message.SerializeAsString();
+  const grpc::Slice slice(update->message);
   update->bytes = grpc::ByteBuffer(&slice, 1);
   watched.newest = update;
   return absl::OkStatus();
@@ -300,12 +359,14 @@ bool JobWatches::Watching::TellAll() {
       if (job == jobs_.end()) continue;
       Watched& watched = job->second;
       looked = LookLocked(name, watched);
+      if (!looked.ok()) watched.end = looked;
       end_waits = end_waits || watched.end_waits;
       if (looked.ok() && watched.offered == watched.newest->number) continue;
       newest = watched.newest;
       watched.offered = newest->number;
       calls.assign(watched.calls.begin(), watched.calls.end());
     }
+    newer_.notify_all();
     for (const auto& call : calls) looked.ok() ? call->Offer(newest) : call->End(looked);
   }
   return end_waits;
@@ -335,6 +396,7 @@ void JobWatches::Watching::Run() {
     const Steady::time_point start = Steady::now();
     const double begun_cpu_s = CpuSecondsOfThread();
     if (core_.stopped()) {
+      newer_.notify_all();
       for (const auto& call : AllCalls()) call->End(Stops());
     } else {
       end_waits = TellAll();
@@ -363,5 +425,36 @@ grpc::ServerWriteReactor<grpc::ByteBuffer>* JobWatches::Watch(grpc::CallbackServ
                                                               const grpc::ByteBuffer& request) {
   return watching_->Watch(context, request);
 }
+
+JobWatches::Local::~Local() { watching_.EndLocal(job_); }
+
+JobWatches::Local::Event JobWatches::Local::Read(double seconds, std::shared_ptr<const JobUpdate>* update) {
+  if (saw_last_ || !status_.ok()) return Event::kEnd;
+  auto newer = watching_.AwaitNewer(job_, seen_, seconds);
+  if (!newer.ok()) {
+    status_ = newer.status();
+    return Event::kEnd;
+  }
+  if (*newer == nullptr) return Event::kTimeout;
+  *update = *std::move(newer);
+  seen_ = (*update)->number;
+  saw_last_ = (*update)->last;
+  return Event::kUpdate;
+}
+
+StatusOr<std::unique_ptr<JobWatches::Local>> JobWatches::Open(const std::string& client, const std::string& job,
+                                                              const std::string& seen_etag) {
+  TESSERA_ASSIGN_OR_RETURN(ClientLimits::Ticket ticket, watching_->limits().Watch(client));
+  int64_t seen = 0;
+  bool saw_last = false;
+  TESSERA_RETURN_IF_ERROR(watching_->BeginLocal(job, seen_etag, &seen, &saw_last));
+  std::unique_ptr<Local> local(new Local(*watching_, job));
+  local->seen_ = seen;
+  local->saw_last_ = saw_last;
+  local->ticket_ = std::move(ticket);
+  return local;
+}
+
+StatusOr<std::shared_ptr<const JobUpdate>> JobWatches::Newest(const std::string& job) { return watching_->Newest(job); }
 
 }  // namespace tessera

@@ -47,8 +47,7 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
                                                        const grpc::ByteBuffer* request) override {
     return watches_.Watch(context, *request);
   }
-  // Call after the server has ended.
-  void StopWatches() { watches_.Stop(); }
+  JobWatches& watches() { return watches_; }
   grpc::Status ListTasks(grpc::ServerContext* context, const v1::ListTasksRequest* request,
                          v1::ListTasksResponse* response) override;
   grpc::Status ListAttempts(grpc::ServerContext* context, const v1::ListAttemptsRequest* request,

@@ -55,6 +55,7 @@ StatusOr<std::unique_ptr<HttpServer>> HttpServer::Start(const HttpOptions& optio
   impl->calls = &server->local_calls();
   SiteEnvironment environment;
   environment.calls = impl->calls;
+  environment.watches = &server->watches();
   environment.access = &server->access();
   environment.version = options.version;
   environment.tls = impl->tls != nullptr;

@@ -23,9 +23,12 @@ SharedAnswer::SharedAnswer(std::string json, std::string etag)
 const std::string& SharedAnswer::gzip() const {
   std::call_once(packed_, [this] {
     if (json_.size() >= kLeastPackedBytes) gzip_ = Gzip(json_);
+    has_gzip_ = !gzip_.empty();
   });
   return gzip_;
 }
+
+size_t SharedAnswer::packed_bytes() const { return has_gzip_ ? gzip_.size() : json_.size(); }
 
 std::chrono::milliseconds SharedAnswers::AgeOf(Clock::duration cost) {
   return std::clamp(std::chrono::duration_cast<std::chrono::milliseconds>(kAgeOfCost * cost), kAge, kMaxAge);

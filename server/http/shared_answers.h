@@ -1,6 +1,7 @@
 // Answers that many pages ask for again and again.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <functional>
@@ -23,11 +24,14 @@ class SharedAnswer {
   const std::string& etag() const { return etag_; }
   // The JSON, compressed when it is first asked for; empty if that is of no use.
   const std::string& gzip() const;
+  // Of the compressed JSON if it is there, else of the JSON. Takes no time.
+  size_t packed_bytes() const;
 
  private:
   const std::string json_, etag_;
   mutable std::once_flag packed_;
   mutable std::string gzip_;
+  mutable std::atomic<bool> has_gzip_ = false;
 };
 
 // An answer is made at most once in kAge, for all who ask meanwhile; the caller has checked that they may. One that

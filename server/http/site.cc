@@ -10,6 +10,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "common/log/log.h"
+#include "server/http/message_json.h"
 #include "server/http/page_answers.h"
 #include "server/http/transcoding.h"
 #include "tessera/v1/jobs.pb.h"
@@ -20,12 +21,10 @@ namespace {
 using Steady = std::chrono::steady_clock;
 
 constexpr double kCall_s = 30, kSlowCall_s = 600;
-constexpr double kFirst_s = 10;    // longest wait for the first message of a watch
-constexpr double kUnseen_s = 0.3;  // a watch that has no news by then is unchanged
-constexpr double kTick_s = 1;      // between two checks of a stream's visitor and connection
+constexpr double kTick_s = 1;  // between two checks of a stream's visitor and connection
 constexpr double kPing_s = 15;
-constexpr int kMaxRunning = 100;               // tasks of an event
-constexpr size_t kMostAtOnceBytes = 16 << 10;  // of an answer that the receiving thread compresses and copies
+constexpr int kMaxRunning = 100;               // tasks of a state
+constexpr size_t kMostAtOnceBytes = 32 << 10;  // of an answer that the receiving thread sends
 constexpr size_t kMaxTokenBytes = 4 << 10, kLeastGzipBytes = 1 << 10;
 
 constexpr char kPolicy[] =
@@ -48,11 +47,23 @@ bool AcceptsGzip(const WebRequest& request) {
   return absl::StrContains(accepted, "gzip") && !absl::StrContains(accepted, "gzip;q=0");
 }
 
+// What identifies a shared answer to a request.
+std::string SharedKey(const WebRequest& request, const RouteMatch& match) {
+  const std::string_view target = request.target;
+  return absl::StrCat(std::string(match.route->rpc), " ", match.job, " ",
+                      std::string(target.substr(std::min(request.RawPath().size(), target.size()))), "\n",
+                      request.body);
+}
+
+bool HasAnswer(const WebRequest& request, const SharedAnswer& shared) {
+  return HasEtag(request.Header("If-None-Match").value_or(""), shared.etag());
+}
+
 // A shared answer for one visitor: 304 if the visitor has it.
 WebAnswer AnswerWith(const WebRequest& request, const SharedAnswer& shared) {
   WebAnswer answer = JsonAnswer("");
   answer.headers.emplace_back("ETag", QuotedEtag(shared.etag()));
-  if (HasEtag(request.Header("If-None-Match").value_or(""), shared.etag())) {
+  if (HasAnswer(request, shared)) {
     answer.status = 304;
     answer.type.clear();
     return answer;
@@ -163,20 +174,17 @@ std::optional<WebAnswer> Site::Route(const WebRequest& request, bool at_once) {
   const Status admitted = environment_.calls->Admit(std::string(match.route->rpc), visitor->caller);
   if (!admitted.ok()) return ErrorAnswer(admitted);
   if (!at_once) return Dispatch(request, match, *visitor);
-  const auto message = MessageOf(request, match);
-  if (!message.ok()) return ErrorAnswer(message.status());
-  const SharedAnswers::Answer shared = shared_.Find(absl::StrCat(std::string(match.route->rpc), "?", *message));
-  if (shared == nullptr || (shared->json().size() > kMostAtOnceBytes &&
-                            !HasEtag(request.Header("If-None-Match").value_or(""), shared->etag()))) {
-    return std::nullopt;
-  }
+  const SharedAnswers::Answer shared = shared_.Find(SharedKey(request, match));
+  if (shared == nullptr) return std::nullopt;
+  const size_t bytes = AcceptsGzip(request) ? shared->packed_bytes() : shared->json().size();
+  if (bytes > kMostAtOnceBytes && !HasAnswer(request, *shared)) return std::nullopt;
   return AnswerWith(request, *shared);
 }
 
 WebAnswer Site::Dispatch(const WebRequest& request, const RouteMatch& match, const Visitor& visitor) {
   switch (match.route->kind) {
     case RouteKind::kState:
-      return State(request, match, visitor);
+      return State(request, match);
     case RouteKind::kWatch:
       return Watch(request, match, visitor);
     case RouteKind::kFile:
@@ -240,90 +248,81 @@ WebAnswer Site::Call(const WebRequest& request, const RouteMatch& match, const V
     auto json = call();
     return json.ok() ? JsonAnswer(*std::move(json)) : ErrorAnswer(json.status());
   }
-  const auto shared = shared_.Get(rpc + "?" + *message, [&]() -> StatusOr<SharedAnswers::Answer> {
+  const auto shared = shared_.Get(SharedKey(request, match), [&]() -> StatusOr<SharedAnswers::Answer> {
     TESSERA_ASSIGN_OR_RETURN(std::string json, call());
     return std::make_shared<const SharedAnswer>(std::move(json), "");
   });
   return shared.ok() ? AnswerWith(request, **shared) : ErrorAnswer(shared.status());
 }
 
-StatusOr<SharedAnswers::Answer> Site::FirstOfWatch(const std::string& rpc, const LocalCaller& caller,
-                                                   const std::string& message) {
-  TESSERA_ASSIGN_OR_RETURN(const auto stream, environment_.calls->Open(rpc, caller, message));
-  std::string first;
-  const auto event = stream->Read(kFirst_s, &first);
-  if (event == LocalCalls::Stream::Event::kEnd && !stream->status().ok()) return stream->status();
-  v1::WatchJobResponse parsed;
-  if (event != LocalCalls::Stream::Event::kMessage || !parsed.ParseFromString(first)) {
-    return absl::UnavailableError("the state of the job is not known now");
-  }
-  TESSERA_ASSIGN_OR_RETURN(std::string json, JsonOf(rpc, first));
-  return std::make_shared<const SharedAnswer>(std::move(json), parsed.etag());
-}
-
-StatusOr<SharedAnswers::Answer> Site::EventOf(const std::string& rpc, const std::string& message) {
-  return shared_.Get(absl::StrCat("event?", message), [&]() -> StatusOr<SharedAnswers::Answer> {
-    v1::WatchJobResponse parsed;
-    if (!parsed.ParseFromString(message)) return absl::InternalError("malformed message");
-    // Events are not compressed, and come four times a second.
-    if (parsed.running_size() > kMaxRunning) {
-      parsed.mutable_running()->DeleteSubrange(kMaxRunning, parsed.running_size() - kMaxRunning);
+StatusOr<SharedAnswers::Answer> Site::StateOf(const JobUpdate& update) {
+  return shared_.Get(absl::StrCat("state ", update.number), [&]() -> StatusOr<SharedAnswers::Answer> {
+    v1::WatchJobResponse state;
+    if (!state.ParseFromString(update.message)) return absl::InternalError("malformed message");
+    if (state.running_size() > kMaxRunning) {
+      state.mutable_running()->DeleteSubrange(kMaxRunning, state.running_size() - kMaxRunning);
     }
-    TESSERA_ASSIGN_OR_RETURN(const std::string json, JsonOf(rpc, parsed.SerializeAsString()));
-    return std::make_shared<const SharedAnswer>(absl::StrCat("id: ", parsed.etag(), "\ndata: ", json, "\n\n"),
-                                                parsed.etag());
+    // Half of what a compressed state would have, and of no use to those who follow it.
+    for (v1::Task& task : *state.mutable_running()) task.clear_key();
+    return std::make_shared<const SharedAnswer>(JsonOfMessage(state), update.etag);
   });
 }
 
-WebAnswer Site::State(const WebRequest& request, const RouteMatch& match, const Visitor& visitor) {
-  const std::string rpc(match.route->rpc);
-  const auto message = MessageOf(request, match);
-  if (!message.ok()) return ErrorAnswer(message.status());
-  const auto shared = shared_.Get(rpc + "?" + *message, [&] { return FirstOfWatch(rpc, visitor.caller, *message); });
+StatusOr<SharedAnswers::Answer> Site::EventOf(const JobUpdate& update) {
+  return shared_.Get(absl::StrCat("event ", update.number), [&]() -> StatusOr<SharedAnswers::Answer> {
+    TESSERA_ASSIGN_OR_RETURN(const auto state, StateOf(update));
+    return std::make_shared<const SharedAnswer>(absl::StrCat("id: ", update.etag, "\ndata: ", state->json(), "\n\n"),
+                                                update.etag);
+  });
+}
+
+WebAnswer Site::State(const WebRequest& request, const RouteMatch& match) {
+  if (const auto message = MessageOf(request, match); !message.ok()) return ErrorAnswer(message.status());
+  const auto shared = shared_.Get(SharedKey(request, match), [&]() -> StatusOr<SharedAnswers::Answer> {
+    TESSERA_ASSIGN_OR_RETURN(const auto update, environment_.watches->Newest(match.job));
+    return StateOf(*update);
+  });
   return shared.ok() ? AnswerWith(request, **shared) : ErrorAnswer(shared.status());
 }
 
 WebAnswer Site::Watch(const WebRequest& request, const RouteMatch& match, const Visitor& visitor) {
-  const std::string rpc(match.route->rpc);
   HeaderList params = request.params;
   // A browser that connects again names the last event that it has seen.
   if (const auto last = request.Header("Last-Event-ID")) params = {{"seenEtag", *last}};
-  const auto message = RequestOf(rpc, "", params, match.route->job_field, match.job);
+  const auto message = RequestOf(match.route->rpc, "", params, match.route->job_field, match.job);
   if (!message.ok()) return ErrorAnswer(message.status());
-  auto opened = environment_.calls->Open(rpc, visitor.caller, *message);
+  v1::WatchJobRequest parsed;
+  parsed.ParseFromString(*message);
+  auto opened = environment_.watches->Open(visitor.identity.client, parsed.name(), parsed.seen_etag());
   if (!opened.ok()) return ErrorAnswer(opened.status());
-  const std::shared_ptr<LocalCalls::Stream> stream = *std::move(opened);
-  std::string first;
-  const auto begun = stream->Read(kUnseen_s, &first);
-  if (begun == LocalCalls::Stream::Event::kEnd && !stream->status().ok()) return ErrorAnswer(stream->status());
+  const std::shared_ptr<JobWatches::Local> watch = *std::move(opened);
   WebAnswer answer;
   answer.type = "text/event-stream";
   if (request.method == "HEAD") return answer;
-  answer.produce = [this, stream, rpc, visitor, first = std::move(first), begun](const AnswerSink& sink) {
-    using Event = LocalCalls::Stream::Event;
-    std::string message = first;
-    Event event = begun;
-    Steady::time_point written = Steady::now();
+  answer.produce = [this, watch, visitor](const AnswerSink& sink) {
+    using Event = JobWatches::Local::Event;
     std::string text = "retry: 2000\n\n";
+    Steady::time_point written = Steady::now();
+    double wait_s = 0;  // at first only for what is there
     while (true) {
-      if (event == Event::kMessage) {
-        const auto told = EventOf(rpc, message);
-        if (!told.ok()) return false;
-        text += (*told)->json();
+      std::shared_ptr<const JobUpdate> update;
+      const Event event = watch->Read(std::exchange(wait_s, kTick_s), &update);
+      if (!sink.connected()) return false;
+      if (!visitors_.StillHere(visitor)) return sink.write(EndEvent(NoSession()));
+      if (event == Event::kUpdate) {
+        const auto shared = EventOf(*update);
+        if (!shared.ok()) return false;
+        text += (*shared)->json();
       } else if (event == Event::kEnd) {
-        return sink.write(text + EndEvent(stream->status()));
+        return sink.write(text + EndEvent(watch->status()));
       } else if (Steady::now() - written > std::chrono::duration<double>(kPing_s)) {
         text += ": ping\n\n";
       }
-      if (!text.empty()) {
-        if (environment_.before_reply) environment_.before_reply();
-        if (!sink.write(text)) return false;
-        written = Steady::now();
-        text.clear();
-      }
-      event = stream->Read(kTick_s, &message);
-      if (!sink.connected()) return false;
-      if (!visitors_.StillHere(visitor)) return sink.write(EndEvent(NoSession()));
+      if (text.empty()) continue;
+      if (environment_.before_reply) environment_.before_reply();
+      if (!sink.write(text)) return false;
+      written = Steady::now();
+      text.clear();
     }
   };
   return answer;

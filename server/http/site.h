@@ -7,6 +7,7 @@
 #include <string>
 
 #include "server/auth/access.h"
+#include "server/grpc/job_watches.h"
 #include "server/grpc/local_calls.h"
 #include "server/http/job_files.h"
 #include "server/http/routes.h"
@@ -20,6 +21,7 @@ namespace tessera {
 
 struct SiteEnvironment {
   LocalCalls* calls = nullptr;
+  JobWatches* watches = nullptr;
   const Access* access = nullptr;
   std::string version;  // of the program
   bool tls = false;
@@ -54,12 +56,11 @@ class Site {
   WebAnswer BeginSession(const WebRequest& request);
   WebAnswer SessionOf(const Visitor& visitor) const;
   WebAnswer Call(const WebRequest& request, const RouteMatch& match, const Visitor& visitor);
-  WebAnswer State(const WebRequest& request, const RouteMatch& match, const Visitor& visitor);
+  WebAnswer State(const WebRequest& request, const RouteMatch& match);
   WebAnswer Watch(const WebRequest& request, const RouteMatch& match, const Visitor& visitor);
-  StatusOr<SharedAnswers::Answer> FirstOfWatch(const std::string& rpc, const LocalCaller& caller,
-                                               const std::string& message);
-  // A message of a watch as an event. All streams that get the message share it, for its JSON costs milliseconds.
-  StatusOr<SharedAnswers::Answer> EventOf(const std::string& rpc, const std::string& message);
+  // The JSON of a state, and its event in a stream. All who get the state share them.
+  StatusOr<SharedAnswers::Answer> StateOf(const JobUpdate& update);
+  StatusOr<SharedAnswers::Answer> EventOf(const JobUpdate& update);
   static void AddHeaders(const WebRequest& request, WebAnswer* answer);
 
   const SiteEnvironment environment_;

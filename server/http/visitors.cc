@@ -82,6 +82,13 @@ Status Visitors::Refused(const WebRequest& request) {
 }
 
 StatusOr<Visitor> Visitors::Identify(const WebRequest& request) {
+  TESSERA_ASSIGN_OR_RETURN(Visitor visitor, Known(request));
+  Caller& identity = visitor.identity;
+  identity.client = identity.name.empty() ? request.peer.substr(0, request.peer.rfind(':')) : identity.name;
+  return visitor;
+}
+
+StatusOr<Visitor> Visitors::Known(const WebRequest& request) {
   Visitor visitor;
   visitor.caller.peer = request.peer;
   visitor.caller.authorization = request.Header("Authorization");

@@ -38,6 +38,8 @@ class Visitors {
   void End(const Visitor& visitor) { sessions_.End(visitor.session); }
 
  private:
+  // As Identify, without the key of the client limits.
+  StatusOr<Visitor> Known(const WebRequest& request);
   Status Refused(const WebRequest& request);
 
   const Access& access_;

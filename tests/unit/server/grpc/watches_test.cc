@@ -8,6 +8,7 @@
 
 #include "common/base/refusal.h"
 #include "common/rpc/status_conversion.h"
+#include "server/grpc/job_watches.h"
 #include "tests/unit/server/grpc/server_fixture.h"
 
 namespace tessera {
@@ -252,6 +253,56 @@ TEST_F(WatchesTest, WatchesPerClientAreLimited) {
   EXPECT_FALSE(held[0]->reader->Read(&update));
   held[0]->reader->Finish();
   for (bool let_in = false; !let_in;) let_in = Watch(job)->reader->Read(&update);  // after the cancellation
+}
+
+TEST_F(WatchesTest, LocalWatchesReadTheNewestStateAndTheEnd) {
+  using Event = JobWatches::Local::Event;
+  JobWatches& watches = server_->watches();
+  EXPECT_EQ(watches.Open("anna", "jobs/9", "").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(watches.Newest("jobs/9").status().code(), absl::StatusCode::kNotFound);
+  const std::string job = AJobOnTheWire();
+  const auto watch = *watches.Open("anna", job, "");
+  std::shared_ptr<const JobUpdate> update;
+  ASSERT_EQ(watch->Read(60, &update), Event::kUpdate);
+  v1::WatchJobResponse state;
+  ASSERT_TRUE(state.ParseFromString(update->message));
+  EXPECT_EQ(state.job().name(), job);
+  EXPECT_EQ(state.etag(), update->etag);
+  EXPECT_EQ(watch->Read(0, &update), Event::kTimeout);
+  const auto second = *watches.Open("anna", job, update->etag);
+  EXPECT_EQ(second->Read(0, &update), Event::kTimeout) << "the caller has the state";
+  SetPriority(job, 3);
+  for (const auto* reader : {&watch, &second}) {
+    ASSERT_EQ((*reader)->Read(60, &update), Event::kUpdate);
+    ASSERT_TRUE(state.ParseFromString(update->message));
+    EXPECT_EQ(state.job().priority(), 3);
+  }
+  EXPECT_EQ((*watches.Newest(job))->number, update->number);
+  ASSERT_TRUE(coordinator_->jobs().CancelJob(job).ok());
+  ASSERT_EQ(watch->Read(60, &update), Event::kUpdate);
+  EXPECT_TRUE(update->last);
+  EXPECT_EQ(watch->Read(60, &update), Event::kEnd);
+  EXPECT_TRUE(watch->status().ok());
+  const auto third = *watches.Open("anna", job, update->etag);
+  EXPECT_EQ(third->Read(60, &update), Event::kEnd) << "the caller has the final state";
+}
+
+TEST_F(WatchesTest, LocalWatchesCountAndEndWithTheirReason) {
+  using Event = JobWatches::Local::Event;
+  environment_.limits.watches = 1;
+  StartAgain();
+  const std::string job = AJobOnTheWire();
+  std::shared_ptr<const JobUpdate> update;
+  {
+    const auto watch = *server_->watches().Open("anna", job, "");
+    EXPECT_EQ(LimitOf(server_->watches().Open("anna", job, "").status()).what, "watches of 'anna'");
+    EXPECT_EQ(watch->Read(60, &update), Event::kUpdate);
+    server_->Shutdown(1);
+    EXPECT_EQ(watch->Read(60, &update), Event::kEnd);
+    EXPECT_EQ(watch->status().code(), absl::StatusCode::kUnavailable) << watch->status();
+  }
+  StartAgain();
+  EXPECT_TRUE(server_->watches().Open("anna", job, "").ok());
 }
 
 TEST_F(WatchesTest, WatchOfDeletedOrUnknownJobEndsWithReason) {
