@@ -1,4 +1,5 @@
 // Conversions of what pages show: tiles, views, settings, quotes.
+#include <cmath>
 #include <numbers>
 
 #include "server/grpc/conversion.h"
@@ -7,6 +8,11 @@ namespace tessera {
 namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;
+
+// Steps of figures of tiles. Further digits are of no use, and do not compress.
+constexpr double kPerSecond = 1e3, kPerShare = 1e4;
+
+double Rounded(double value, double per_unit) { return std::round(value * per_unit) / per_unit; }
 
 void SetInterval(const std::optional<Interval>& interval, v1::Interval* (v1::Quote::*field)(), v1::Quote* proto) {
   if (!interval) return;
@@ -30,8 +36,8 @@ void ToProto(const ListedTile& tile, v1::Tile* proto) {
   proto->set_state(static_cast<v1::TileState>(status.state));
   proto->set_attempts(status.attempts);
   proto->set_failed_attempts(status.failed_attempts);
-  proto->set_core_seconds(status.core_seconds);
-  proto->set_predicted_core_seconds(status.predicted_core_seconds);
+  proto->set_core_seconds(Rounded(status.core_seconds, kPerSecond));
+  proto->set_predicted_core_seconds(Rounded(status.predicted_core_seconds, kPerSecond));
   proto->set_peak_bytes(status.peak_bytes);
   proto->set_predicted_peak_bytes(status.predicted_peak_bytes);
   proto->mutable_views()->Assign(tile.place.views.begin(), tile.place.views.end());
@@ -44,8 +50,8 @@ void ToProto(const ListedTile& tile, v1::Tile* proto) {
   proto->set_tasks_total(status.tasks_total);
   proto->set_tasks_done(status.tasks_done);
   proto->set_tasks_reused(status.tasks_reused);
-  proto->set_confidence(tile.confidence);
-  proto->set_progress(status.progress);
+  proto->set_confidence(Rounded(tile.confidence, kPerShare));
+  proto->set_progress(Rounded(status.progress, kPerShare));
 }
 
 void ToProto(const ListedView& listed, v1::View* proto) {

@@ -15,6 +15,7 @@ class SiteHandler final : public RequestHandler {
  public:
   SiteHandler(const SiteEnvironment& environment, double keep_s) : site_(environment), messages_(keep_s) {}
   Lane LaneOf(const RequestFrame& request) override { return Site::LaneOf(request); }
+  std::string OwnerOf(Lane lane, const ReceivedRequest& request) override { return site_.OwnerOf(lane, request); }
   std::optional<bool> ServeAtOnce(const ReceivedRequest& request, AnswerOutput& output) override {
     if (!Site::MayAnswerAtOnce(request.frame)) return std::nullopt;
     return messages_.Serve(request, output, [this](const WebRequest& parsed) { return site_.AnswerAtOnce(parsed); });

@@ -1,7 +1,5 @@
 #include "server/http/shared_answers.h"
 
-#include <zlib.h>
-
 #include <algorithm>
 #include <iterator>
 #include <utility>
@@ -10,8 +8,6 @@
 
 namespace tessera {
 namespace {
-
-constexpr int kLevel = 3;  // of a large list: a sixth of its size at 100 MB/s
 
 constexpr size_t kLeastPackedBytes = 1 << 10;
 
@@ -26,6 +22,11 @@ const std::string& SharedAnswer::gzip() const {
     has_gzip_ = !gzip_.empty();
   });
   return gzip_;
+}
+
+const GzipPart& SharedAnswer::part() const {
+  std::call_once(parted_, [this] { part_.emplace(json_); });
+  return *part_;
 }
 
 size_t SharedAnswer::packed_bytes() const { return has_gzip_ ? gzip_.size() : json_.size(); }
@@ -83,21 +84,6 @@ void SharedAnswers::DropOldLocked(Clock::time_point now) {
     }
     entry = next;
   }
-}
-
-std::string Gzip(const std::string& text) {
-  z_stream stream = {};
-  constexpr int kGzipFormat = 16 + MAX_WBITS;
-  if (deflateInit2(&stream, kLevel, Z_DEFLATED, kGzipFormat, 8, Z_DEFAULT_STRATEGY) != Z_OK) return "";
-  std::string out(deflateBound(&stream, static_cast<uLong>(text.size())), '\0');
-  stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(text.data()));
-  stream.avail_in = static_cast<uInt>(text.size());
-  stream.next_out = reinterpret_cast<Bytef*>(out.data());
-  stream.avail_out = static_cast<uInt>(out.size());
-  const bool whole = deflate(&stream, Z_FINISH) == Z_STREAM_END;
-  out.resize(whole ? stream.total_out : 0);
-  deflateEnd(&stream);
-  return out;
 }
 
 }  // namespace tessera

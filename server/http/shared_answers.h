@@ -8,10 +8,12 @@
 #include <list>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <unordered_map>
 
 #include "common/base/status.h"
+#include "server/http/gzip.h"
 
 namespace tessera {
 
@@ -24,6 +26,8 @@ class SharedAnswer {
   const std::string& etag() const { return etag_; }
   // The JSON, compressed when it is first asked for; empty if that is of no use.
   const std::string& gzip() const;
+  // The JSON as a part of streams, compressed when it is first asked for.
+  const GzipPart& part() const;
   // Of the compressed JSON if it is there, else of the JSON. Takes no time.
   size_t packed_bytes() const;
 
@@ -32,6 +36,8 @@ class SharedAnswer {
   mutable std::once_flag packed_;
   mutable std::string gzip_;
   mutable std::atomic<bool> has_gzip_ = false;
+  mutable std::once_flag parted_;
+  mutable std::optional<GzipPart> part_;
 };
 
 // An answer is made at most once in kAge, for all who ask meanwhile; the caller has checked that they may. One that
@@ -42,7 +48,7 @@ class SharedAnswers {
   using Clock = std::chrono::steady_clock;
   using Answer = std::shared_ptr<const SharedAnswer>;
   static constexpr std::chrono::milliseconds kAge{400}, kMaxAge{3000};
-  static constexpr int kAgeOfCost = 20;  // an answer is kept for as many times as it took, within these limits
+  static constexpr int kAgeOfCost = 50;  // an answer is kept for as many times as it took, within these limits
   static constexpr size_t kMaxBytes = size_t{64} << 20;
   static constexpr size_t kMaxAnswers = 1000;
 
@@ -70,8 +76,5 @@ class SharedAnswers {
   std::unordered_map<std::string, std::shared_ptr<Entry>> entries_;
   size_t bytes_ = 0;
 };
-
-// Empty if it cannot be compressed.
-std::string Gzip(const std::string& text);
 
 }  // namespace tessera

@@ -9,7 +9,9 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "common/log/log.h"
+#include "server/http/gzip.h"
 #include "server/http/message_json.h"
 #include "server/http/page_answers.h"
 #include "server/http/transcoding.h"
@@ -90,6 +92,17 @@ Lane Site::LaneOf(const RequestFrame& request) {
   if (!path.ok()) return Lane::kQuick;
   const RouteMatch match = FindRoute(request.method, *path);
   return match.route == nullptr ? Lane::kQuick : match.route->lane;
+}
+
+std::string Site::OwnerOf(Lane lane, const ReceivedRequest& received) {
+  if (lane != Lane::kSlow && lane != Lane::kFile) return "";
+  WebRequest request;
+  request.peer = received.peer;
+  for (const absl::string_view line : absl::StrSplit(received.frame.head, "\r\n")) {
+    const std::pair<std::string, std::string> header = absl::StrSplit(line, absl::MaxSplits(':', 1));
+    request.headers.emplace_back(header.first, absl::StripAsciiWhitespace(header.second));
+  }
+  return visitors_.ClientOf(request);
 }
 
 bool Site::MayAnswerAtOnce(const RequestFrame& request) {
@@ -299,30 +312,37 @@ WebAnswer Site::Watch(const WebRequest& request, const RouteMatch& match, const 
   WebAnswer answer;
   answer.type = "text/event-stream";
   if (request.method == "HEAD") return answer;
-  answer.produce = [this, watch, visitor](const AnswerSink& sink) {
-    using Event = JobWatches::Local::Event;
-    std::string text = "retry: 2000\n\n";
+  const bool packs = AcceptsGzip(request);
+  if (packs) answer.headers.emplace_back("Content-Encoding", "gzip");
+  answer.produce = [this, watch, visitor, packs](const AnswerSink& sink) {
+    GzipStream packed;
+    const auto write = [&](const std::string& text) {
+      if (environment_.before_reply) environment_.before_reply();
+      return sink.write(packs ? packed.Add(GzipPart(text)) : text);
+    };
+    const auto end = [&](const Status& status) {
+      return write(EndEvent(status)) && (!packs || sink.write(packed.End()));
+    };
+    if (!write("retry: 2000\n\n")) return false;
     Steady::time_point written = Steady::now();
-    double wait_s = 0;  // at first only for what is there
     while (true) {
+      using Event = JobWatches::Local::Event;
       std::shared_ptr<const JobUpdate> update;
-      const Event event = watch->Read(std::exchange(wait_s, kTick_s), &update);
+      const Event event = watch->Read(kTick_s, &update);
       if (!sink.connected()) return false;
-      if (!visitors_.StillHere(visitor)) return sink.write(EndEvent(NoSession()));
+      if (!visitors_.StillHere(visitor)) return end(NoSession());
+      if (event == Event::kEnd) return end(watch->status());
       if (event == Event::kUpdate) {
         const auto shared = EventOf(*update);
         if (!shared.ok()) return false;
-        text += (*shared)->json();
-      } else if (event == Event::kEnd) {
-        return sink.write(text + EndEvent(watch->status()));
+        if (environment_.before_reply) environment_.before_reply();
+        if (!sink.write(packs ? packed.Add((*shared)->part()) : (*shared)->json())) return false;
       } else if (Steady::now() - written > std::chrono::duration<double>(kPing_s)) {
-        text += ": ping\n\n";
+        if (!write(": ping\n\n")) return false;
+      } else {
+        continue;
       }
-      if (text.empty()) continue;
-      if (environment_.before_reply) environment_.before_reply();
-      if (!sink.write(text)) return false;
       written = Steady::now();
-      text.clear();
     }
   };
   return answer;

@@ -14,6 +14,7 @@
 #include "server/http/shared_answers.h"
 #include "server/http/visitors.h"
 #include "server/metrics/http_counts.h"
+#include "server/web/connections.h"
 #include "server/web/request_frame.h"
 #include "server/web/web_message.h"
 
@@ -37,6 +38,8 @@ class Site {
   explicit Site(const SiteEnvironment& environment);
 
   static Lane LaneOf(const RequestFrame& request);
+  // As RequestHandler.
+  std::string OwnerOf(Lane lane, const ReceivedRequest& request);
   WebAnswer Answer(const WebRequest& request);
 
   // Whether AnswerAtOnce could answer the request. Quick.

@@ -81,14 +81,7 @@ Status Visitors::Refused(const WebRequest& request) {
                     static_cast<double>(GuessLimits::kWindow.count()));
 }
 
-StatusOr<Visitor> Visitors::Identify(const WebRequest& request) {
-  TESSERA_ASSIGN_OR_RETURN(Visitor visitor, Known(request));
-  Caller& identity = visitor.identity;
-  identity.client = identity.name.empty() ? request.peer.substr(0, request.peer.rfind(':')) : identity.name;
-  return visitor;
-}
-
-StatusOr<Visitor> Visitors::Known(const WebRequest& request) {
+Visitor Visitors::Known(const WebRequest& request) {
   Visitor visitor;
   visitor.caller.peer = request.peer;
   visitor.caller.authorization = request.Header("Authorization");
@@ -97,13 +90,21 @@ StatusOr<Visitor> Visitors::Known(const WebRequest& request) {
     const std::optional<std::string> token =
         visitor.session.empty() ? std::nullopt : sessions_.TokenOf(visitor.session, Now());
     if (token) visitor.caller.authorization = "Bearer " + *token;
-    visitor.identity = access_.Identify(request.peer, visitor.caller.authorization);
-    return visitor;
   }
-  visitor.identity = access_.Identify(request.peer, visitor.caller.authorization);
-  if (visitor.identity.roles == 0) TESSERA_RETURN_IF_ERROR(Refused(request));
+  Caller& identity = visitor.identity;
+  identity = access_.Identify(request.peer, visitor.caller.authorization);
+  identity.client = identity.name.empty() ? request.peer.substr(0, request.peer.rfind(':')) : identity.name;
   return visitor;
 }
+
+StatusOr<Visitor> Visitors::Identify(const WebRequest& request) {
+  Visitor visitor = Known(request);
+  const bool has_token = request.Header("Authorization").has_value();
+  if (has_token && visitor.identity.roles == 0) TESSERA_RETURN_IF_ERROR(Refused(request));
+  return visitor;
+}
+
+std::string Visitors::ClientOf(const WebRequest& request) { return Known(request).identity.client; }
 
 bool Visitors::StillHere(const Visitor& visitor) {
   if (!visitor.session.empty() && access_.asks_for_tokens() && !sessions_.TokenOf(visitor.session, Now())) return false;

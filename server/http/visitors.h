@@ -30,6 +30,8 @@ class Visitors {
   // The visitor now: a token that was revoked or has expired gives no roles. RESOURCE_EXHAUSTED if the address has sent
   // too many tokens that do not exist.
   StatusOr<Visitor> Identify(const WebRequest& request);
+  // The key of the client limits of a request that is not checked yet; its address if it has no rights.
+  std::string ClientOf(const WebRequest& request);
   // Whether the visitor would be identified again, for answers that take long.
   bool StillHere(const Visitor& visitor);
 
@@ -38,8 +40,8 @@ class Visitors {
   void End(const Visitor& visitor) { sessions_.End(visitor.session); }
 
  private:
-  // As Identify, without the key of the client limits.
-  StatusOr<Visitor> Known(const WebRequest& request);
+  // As Identify, without counting tokens that do not exist.
+  Visitor Known(const WebRequest& request);
   Status Refused(const WebRequest& request);
 
   const Access& access_;

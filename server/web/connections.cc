@@ -134,9 +134,9 @@ struct Connections::Impl {
         limits(all_limits),
         buffered(limits.buffered_bytes),
         lanes(std::make_unique<Lanes>(std::array<LaneLimits, Lanes::kLanes>{
-            LaneLimits{limits.quick_threads, static_cast<size_t>(limits.waiting)},
-            LaneLimits{limits.slow_threads, static_cast<size_t>(limits.waiting)},
-            LaneLimits{limits.file_threads, static_cast<size_t>(limits.waiting)}, LaneLimits{limits.streams, 0}})) {}
+            LaneLimits{limits.quick_threads, limits.waiting},
+            LaneLimits{limits.slow_threads, limits.waiting, limits.slow_of_owner},
+            LaneLimits{limits.file_threads, limits.waiting, limits.files_of_owner}, LaneLimits{limits.streams, 0}})) {}
 
   bool Open() {
     epoll = ::epoll_create1(EPOLL_CLOEXEC);
@@ -320,10 +320,8 @@ struct Connections::Impl {
       if (!connection.received.empty()) {
         const Taken taken = Take(connection, at_once < kAnswersAtOnce);
         if (taken == Taken::kElsewhere) return;
-        if (taken == Taken::kAnswered) {
-          ++at_once;
-          continue;
-        }
+        at_once += taken == Taken::kAnswered ? 1 : 0;
+        if (taken == Taken::kAnswered) continue;
       }
       if (connection.received.size() >= most) return Refuse(connection, 413);
       const bool first = connection.received.empty();
@@ -369,7 +367,8 @@ struct Connections::Impl {
     Watch(EPOLL_CTL_DEL, connection.socket.fd(), 0, nullptr);
     connection.state = ConnectionState::kAnswering;
     const Lane lane = handler.LaneOf(request->frame);
-    if (!lanes->Run(lane, [this, &connection, lane, request] { Answer(connection, lane, request.get()); })) {
+    const auto answer = [this, &connection, lane, request] { Answer(connection, lane, request.get()); };
+    if (!lanes->Run(lane, handler.OwnerOf(lane, *request), answer)) {
       Watch(EPOLL_CTL_ADD, connection.socket.fd(), EPOLLOUT, &connection);
       Refuse(connection, 503);
     }

@@ -27,7 +27,8 @@ struct ConnectionLimits {
   FrameLimits frame;
   // Threads and waiting requests of each lane.
   int quick_threads = 16, slow_threads = 8, file_threads = 24, streams = 64;
-  int waiting = 1024;
+  int slow_of_owner = 4, files_of_owner = 8;  // threads
+  size_t waiting = 1024;
 };
 
 inline constexpr size_t kLeastBytes = 64 << 10;
@@ -55,6 +56,8 @@ class RequestHandler {
  public:
   virtual ~RequestHandler() = default;
   virtual Lane LaneOf(const RequestFrame& request) = 0;
+  // Who the request is from, for the lanes kSlow and kFile, in which each has a share; else empty. Quick.
+  virtual std::string OwnerOf(Lane lane, const ReceivedRequest& request) = 0;
   // Writes an answer that needs no waiting, in the receiving thread, as Serve. nullopt: Serve must answer.
   virtual std::optional<bool> ServeAtOnce(const ReceivedRequest& request, AnswerOutput& output) = 0;
   // Writes an answer. False: the connection must end.

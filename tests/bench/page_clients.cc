@@ -66,12 +66,13 @@ class Connection {
     received().erase(0, size);
     return true;
   }
-  // Takes all whole events; returns how many.
+  // Takes all whole events; returns how many. Each is compressed, and ends with an empty block.
   int TakeEvents() {
+    static constexpr std::string_view kEnd("\0\0\xff\xff", 4);
     int events = 0;
     size_t at = 0;
-    for (size_t next = 0; (next = received().find("\ndata: ", at)) != std::string::npos; at = next + 1) ++events;
-    received().erase(0, received().size() > 8 ? received().size() - 7 : 0);
+    for (size_t next = 0; (next = received().find(kEnd, at)) != std::string::npos; at = next + kEnd.size()) ++events;
+    received().erase(0, std::max(at, received().size() - std::min(received().size(), kEnd.size() - 1)));
     return events;
   }
 

@@ -46,6 +46,15 @@ class AttacksTest : public HttpTest {
       EXPECT_TRUE(Settled(ReportSuccessAndWait(*coordinator_, worker, lease->task, lease->attempt, result)).ok());
     }
   }
+  // Readers of that file that do not read.
+  void ReadSlowly(int count, std::list<HttpConnection>* readers) {
+    for (int i = 0; i < count; ++i) {
+      readers->emplace_back(Address());
+      const int small = 4096;
+      ::setsockopt(readers->back().fd(), SOL_SOCKET, SO_RCVBUF, &small, sizeof(small));
+      readers->back().Send(HttpConnection::Text("GET", "/files/jobs/2/large", Bearer("viewer"), "", Address()));
+    }
+  }
   // gRPC and the API answer at once.
   void ExpectService(const std::string& during) {
     Steady::time_point start = Steady::now();
@@ -164,18 +173,27 @@ TEST_F(AttacksTest, SlowReadersAreDropped) {
   PublishLarge(content);
   const int64_t before = MemoryBytes();
   std::list<HttpConnection> readers;
-  for (int i = 0; i < 40; ++i) {
-    readers.emplace_back(Address());
-    const int small = 4096;
-    ::setsockopt(readers.back().fd(), SOL_SOCKET, SO_RCVBUF, &small, sizeof(small));
-    readers.back().Send(HttpConnection::Text("GET", "/files/jobs/2/large", Bearer("viewer"), "", Address()));
-  }
-  ExpectService("40 slow readers");
+  ReadSlowly(20, &readers);
+  ExpectService("20 slow readers");
   EXPECT_LT(MemoryBytes() - before, int64_t{400} << 20) << "the whole file is in memory several times";
-  // All of them, in two rounds of 24 threads.
-  std::this_thread::sleep_for(std::chrono::milliseconds(3500));
+  // All of them, in three rounds of 8 threads.
+  std::this_thread::sleep_for(std::chrono::milliseconds(4500));
   EXPECT_EQ(Ask("GET", "/files/jobs/2/large", Bearer("viewer")).body.size(), content.size());
   for (HttpConnection& reader : readers) EXPECT_TRUE(reader.Ends(5000));
+}
+
+TEST_F(AttacksTest, SlowReadersOfFilesStopNoOtherCaller) {
+  options_http_.limits.stall_s = 60;
+  StartHttp();
+  Create(AJob(2));
+  const std::string content(64 << 20, 'f');
+  PublishLarge(content);
+  std::list<HttpConnection> readers;
+  ReadSlowly(40, &readers);
+  const Steady::time_point start = Steady::now();
+  EXPECT_EQ(Ask("GET", "/files/jobs/2/large", Bearer("admin")).body.size(), content.size());
+  EXPECT_LT(SecondsSince(start), 30) << "not when a slow reader is dropped";
+  ExpectService("40 slow readers");
 }
 
 TEST_F(AttacksTest, SlowReadersOfListsHoldNoThread) {

@@ -8,6 +8,7 @@
 #include "server/http/sessions.h"
 #include "server/http/shared_answers.h"
 #include "tests/unit/server/http/http_fixture.h"
+#include "tests/unit/server/http/inflated.h"
 
 namespace tessera {
 namespace {
@@ -198,23 +199,30 @@ TEST_F(HttpTest, RequestsAreCountedByRoute) {
 TEST(SharedAnswersTest, AnswersThatTakeLongAreKeptLonger) {
   using std::chrono::milliseconds;
   EXPECT_EQ(SharedAnswers::AgeOf(milliseconds(1)), milliseconds(400));
-  EXPECT_EQ(SharedAnswers::AgeOf(milliseconds(50)), milliseconds(1000));
+  EXPECT_EQ(SharedAnswers::AgeOf(milliseconds(20)), milliseconds(1000));
   EXPECT_EQ(SharedAnswers::AgeOf(milliseconds(10'000)), milliseconds(3000));
+}
+
+// Appends the next chunk of an answer; false at its end.
+bool NextChunk(HttpConnection& stream, std::string* bytes) {
+  while (true) {
+    std::string& raw = stream.received();
+    const size_t line = raw.find("\r\n");
+    const size_t size = line == std::string::npos ? 0 : std::strtoul(raw.c_str(), nullptr, 16);
+    if (line != std::string::npos && size == 0) return false;
+    if (line != std::string::npos && raw.size() >= line + 4 + size) {
+      *bytes += raw.substr(line + 2, size);
+      raw.erase(0, line + 4 + size);
+      return true;
+    }
+    if (!stream.Receive()) return false;
+  }
 }
 
 // The next event of a stream; empty at its end.
 std::string NextEvent(HttpConnection& stream, std::string* text) {
   while (text->find("\n\n") == std::string::npos) {
-    std::string& raw = stream.received();
-    const size_t line = raw.find("\r\n");
-    const size_t size = line == std::string::npos ? 0 : std::strtoul(raw.c_str(), nullptr, 16);
-    if (line != std::string::npos && size == 0) return "";
-    if (line != std::string::npos && raw.size() >= line + 4 + size) {
-      *text += raw.substr(line + 2, size);
-      raw.erase(0, line + 4 + size);
-    } else if (!stream.Receive()) {
-      return "";
-    }
+    if (!NextChunk(stream, text)) return "";
   }
   const std::string event = text->substr(0, text->find("\n\n"));
   text->erase(0, event.size() + 2);
@@ -258,6 +266,28 @@ TEST_F(HttpTest, StreamsTellEachChangeUntilTheJobEnds) {
   // The connection is good for another request.
   stream.received().clear();
   EXPECT_EQ(HttpAsk(Address(), "GET", "/api/v1/jobs/1", Bearer("viewer")).status, 200);
+}
+
+TEST_F(HttpTest, StreamsAreCompressedForThoseWhoAccept) {
+  const std::string job = Create(AJob(2));
+  HttpConnection stream(Address());
+  SentHeaders accepts = Bearer("viewer");
+  accepts.emplace_back("Accept-Encoding", "gzip, deflate, br");
+  stream.Send(HttpConnection::Text("GET", "/api/v1/jobs/1:watch", accepts, "", Address()));
+  EXPECT_EQ(stream.Head().Header("content-encoding"), "gzip");
+  std::string bytes, text;
+  bool whole = false;
+  const auto await = [&](const std::string& awaited) {
+    while (text.find(awaited) == std::string::npos && NextChunk(stream, &bytes)) text = Inflated(bytes, &whole);
+    EXPECT_THAT(text, HasSubstr(awaited));
+  };
+  await("JOB_STATE_QUEUED");
+  EXPECT_TRUE(coordinator_->jobs().CancelJob(job).ok());
+  await("JOB_STATE_CANCELLED");
+  await("event: end\ndata: {}\n\n");
+  while (NextChunk(stream, &bytes)) continue;
+  Inflated(bytes, &whole);
+  EXPECT_TRUE(whole);
 }
 
 TEST_F(HttpTest, StatesHaveAHundredRunningTasksWithoutKeys) {
