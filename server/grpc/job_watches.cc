@@ -31,7 +31,7 @@ constexpr double kInterval_s = 0.25;      // between two messages of a watch
 constexpr double kCallersInterval_s = 1;  // between two checks of the callers' tokens
 constexpr double kIdle_s = 1;             // longest wait for a change
 constexpr double kRestart_s = 1;
-constexpr size_t kMaxRunning = 1000, kMaxRunningBytes = 64 << 10;
+constexpr size_t kMaxRunning = 400, kMaxRunningBytes = 64 << 10;
 constexpr size_t kMaxLastErrorBytes = 4 << 10;  // error of a running task's previous attempt
 
 double SecondsSince(Steady::time_point start) { return std::chrono::duration<double>(Steady::now() - start).count(); }
@@ -316,7 +316,7 @@ StatusOr<std::shared_ptr<const JobUpdate>> JobWatches::Watching::Newest(const st
   if (core_.stopped()) return Stops();
   std::lock_guard lock(mutex_);
   const auto job = jobs_.find(name);
-  if (job != jobs_.end() && SecondsSince(job->second.looked) < kInterval_s) return job->second.newest;
+  if (job != jobs_.end() && SecondsSince(job->second.looked) < 2 * kInterval_s) return job->second.newest;
   Watched unwatched;
   Watched& watched = job == jobs_.end() ? unwatched : job->second;
   TESSERA_RETURN_IF_ERROR(LookLocked(name, watched));

@@ -2,6 +2,8 @@
 
 #include <zlib.h>
 
+#include <memory>
+
 namespace tessera {
 namespace {
 
@@ -13,15 +15,16 @@ constexpr size_t kFlushBytes = 16;
 std::string Deflate(const std::string& text, int format, int flush) {
   z_stream stream = {};
   if (deflateInit2(&stream, kLevel, Z_DEFLATED, format, 8, Z_DEFAULT_STRATEGY) != Z_OK) return "";
-  std::string out(deflateBound(&stream, static_cast<uLong>(text.size())) + kFlushBytes, '\0');
+  const size_t most = deflateBound(&stream, static_cast<uLong>(text.size())) + kFlushBytes;
+  const auto out = std::make_unique_for_overwrite<char[]>(most);
   stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(text.data()));
   stream.avail_in = static_cast<uInt>(text.size());
-  stream.next_out = reinterpret_cast<Bytef*>(out.data());
-  stream.avail_out = static_cast<uInt>(out.size());
+  stream.next_out = reinterpret_cast<Bytef*>(out.get());
+  stream.avail_out = static_cast<uInt>(most);
   const bool whole = deflate(&stream, flush) == (flush == Z_FINISH ? Z_STREAM_END : Z_OK) && stream.avail_in == 0;
-  out.resize(whole ? stream.total_out : 0);
+  const size_t size = whole ? stream.total_out : 0;
   deflateEnd(&stream);
-  return out;
+  return {out.get(), size};
 }
 
 void AddFourBytes(uint64_t number, std::string* bytes) {

@@ -20,6 +20,8 @@ using google::protobuf::Message;
 using google::protobuf::Reflection;
 using google::protobuf::Timestamp;
 
+constexpr size_t kLargestRatio = 8;  // of JSON to the serialized message, mostly: names and defaults are longer
+
 template <typename Number>
 void AddNumber(Number value, std::string* json) {
   char digits[32];
@@ -180,6 +182,7 @@ void AddMessage(const Message& message, std::string* json) {
 
 std::string JsonOfMessage(const Message& message) {
   std::string json;
+  json.reserve(kLargestRatio * message.ByteSizeLong());
   AddMessage(message, &json);
   return json;
 }

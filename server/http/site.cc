@@ -4,6 +4,7 @@
 #include <chrono>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -24,7 +25,7 @@ using Steady = std::chrono::steady_clock;
 
 constexpr double kCall_s = 30, kSlowCall_s = 600;
 constexpr double kTick_s = 1;  // between two checks of a stream's visitor and connection
-constexpr double kPing_s = 15;
+constexpr double kPing_s = 15, kBetweenEvents_s = 0.5;
 constexpr int kMaxRunning = 100;               // tasks of a state
 constexpr size_t kMostAtOnceBytes = 32 << 10;  // of an answer that the receiving thread sends
 constexpr size_t kMaxTokenBytes = 4 << 10, kLeastGzipBytes = 1 << 10;
@@ -337,6 +338,7 @@ WebAnswer Site::Watch(const WebRequest& request, const RouteMatch& match, const 
         if (!shared.ok()) return false;
         if (environment_.before_reply) environment_.before_reply();
         if (!sink.write(packs ? packed.Add((*shared)->part()) : (*shared)->json())) return false;
+        std::this_thread::sleep_for(std::chrono::duration<double>(kBetweenEvents_s));  // states until then are skipped
       } else if (Steady::now() - written > std::chrono::duration<double>(kPing_s)) {
         if (!write(": ping\n\n")) return false;
       } else {

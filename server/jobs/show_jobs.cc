@@ -77,6 +77,7 @@ StatusOr<WatchedJob> Jobs::WatchJob(const std::string& name, size_t max_running)
   TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
   WatchedJob watched{StoredStatusLocked(job), {}};
   watched.end_waits = HasEnded(ledger_.jobs()[job].header.state) && !HasEnded(watched.job.header.state);
+  watched.running.reserve(max_running);
   for (const TaskRef ref : leases_.OfJob(job)) {
     if (watched.running.size() == max_running) break;
     watched.running.push_back(StatusOfTask(ledger_.jobs()[job], ref, leases_));

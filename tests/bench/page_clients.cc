@@ -25,7 +25,7 @@ namespace {
 using Steady = std::chrono::steady_clock;
 
 constexpr int kStreams = 64;  // that a coordinator has
-constexpr double kPoll_s = 2, kTiles_s = 1, kTile_s = 0.004;
+constexpr double kPoll_s = 2, kTiles_s = 1, kTile_s = 0.008;
 constexpr double kTurn_s = 6, kSettle_s = 2;  // the start of a turn is not counted
 
 struct Counts {

@@ -21,7 +21,7 @@ import { prepareResult } from './result';
 import type { View } from './view';
 
 const kSections = [['', 'Tiles'], ['timeline', 'Time'], ['energy', 'Energy'], ['files', 'Files'], ['details', 'Details']];
-const kTile_ms = 4; // between two lists of tiles, a tile: many pages ask the coordinator
+const kTile_ms = 8; // between two lists of tiles, a tile: many pages ask the coordinator
 const kMaxTiles = 100_000, kMaxAttempts = 50_000, kShownProblems = 20;
 
 export function jobView(name: string, route: Route): View {
