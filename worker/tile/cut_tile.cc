@@ -259,12 +259,18 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   views.resize(kept);
   visible.windows.resize(kept);
 
+  CellSet visible_cells;
+  for (size_t c = 0; c < visible.cells.size(); ++c) {
+    if (visible.cells[c] || measured_cells[c]) visible_cells.insert({survey.cells[c].x, survey.cells[c].y});
+  }
   // Add blocks until none contains more data about the faces found. The regions need whole neighbourhoods, whose
-  // extent is only known once their faces are loaded, hence the loop.
+  // extent is only known once their faces are loaded, hence the loop. Begins with all visible cells, which the package
+  // needs in any case and which contain most regions, so that few rounds are left.
   std::vector<uint8_t> blocks(city.block_count());
   for (size_t b = 0; b < blocks.size(); ++b) {
     blocks[b] = DistanceBetween(city.cells(b), p.tile.core, ground.cell_m) <= 0;
   }
+  AddBlocksOf(city, visible_cells, &blocks);
   LoadedBlocks loaded;
   std::vector<uint8_t> regions;
   do {
@@ -276,7 +282,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     }
     regions = FindRegions(loaded.faces.mesh, loaded.faces_of_vertex, loaded.label_cell, core, options.radius);
   } while (AddBlocksAbout(city, loaded, regions, options.radius.contact_m, &blocks));
-  CellSet cells, visible_cells;
+  CellSet cells;
   std::map<uint8_t, CellSet> of_region;
   for (size_t f = 0; f < regions.size(); ++f) {
     if (regions[f] == 0) continue;
@@ -284,9 +290,6 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     for (const uint8_t region : {kSolveRegion, kRepairRegion, kLabelRegion}) {
       if (regions[f] & region) of_region[region].insert(loaded.cell[f]);
     }
-  }
-  for (size_t c = 0; c < visible.cells.size(); ++c) {
-    if (visible.cells[c] || measured_cells[c]) visible_cells.insert({survey.cells[c].x, survey.cells[c].y});
   }
   cells.insert(visible_cells.begin(), visible_cells.end());
   if (AddBlocksOf(city, cells, &blocks)) {
