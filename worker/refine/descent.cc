@@ -34,20 +34,23 @@ std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const CsrRows&
                                         const std::vector<uint8_t>& fixed, int steps) {
   // In a closed fan every neighbour is a corner of exactly two faces.
   std::vector<uint8_t> moves(mesh.vertices.size());
-  ParallelForEach(mesh.vertices.size(), kGrain, [&](size_t v) {
-    if (!fixed.empty() && fixed[v]) return;
+  ParallelFor(mesh.vertices.size(), kGrain, [&](int64_t begin, int64_t end) {
     std::vector<uint32_t> ring;
-    for (uint32_t f : faces_of_vertex[v]) {
-      for (uint32_t w : mesh.faces[f]) {
-        if (w != v) ring.push_back(w);
+    for (auto v = static_cast<size_t>(begin); v < static_cast<size_t>(end); ++v) {
+      if (!fixed.empty() && fixed[v]) continue;
+      ring.clear();
+      for (uint32_t f : faces_of_vertex[v]) {
+        for (uint32_t w : mesh.faces[f]) {
+          if (w != v) ring.push_back(w);
+        }
       }
+      std::sort(ring.begin(), ring.end());
+      bool closed = !ring.empty() && ring.size() % 2 == 0;
+      for (size_t i = 0; closed && i < ring.size(); i += 2) {
+        closed = ring[i] == ring[i + 1] && (i + 2 == ring.size() || ring[i + 2] != ring[i]);
+      }
+      moves[v] = closed;
     }
-    std::sort(ring.begin(), ring.end());
-    bool closed = !ring.empty() && ring.size() % 2 == 0;
-    for (size_t i = 0; closed && i < ring.size(); i += 2) {
-      closed = ring[i] == ring[i + 1] && (i + 2 == ring.size() || ring[i + 2] != ring[i]);
-    }
-    moves[v] = closed;
   });
   std::vector<Vector3d> at = mesh.vertices, next = at;
   for (int step = 0; step < steps; ++step) {
