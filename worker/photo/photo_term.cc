@@ -166,7 +166,11 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
     const size_t view = open[i];
     if (!views_[view].stored) return;
     views_[view].stored->LoadWindow(target_rects_[view], &views_[view].texels);
-    if (IsNarrow(view)) views_[view].stored->LoadWindow(reference_rects_[view], &references_[view].texels);
+    // The target's window contains the reference's.
+    const PixelRect& narrow = reference_rects_[view];
+    if (IsNarrow(view)) {
+      views_[view].texels.CropTo(narrow.x0, narrow.y0, narrow.width(), narrow.height(), &references_[view].texels);
+    }
   });
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];

@@ -234,6 +234,25 @@ void StoredTexels::LoadWindow(const PixelRect& window, Texels* texels) const {
   if (release && (!copy || (classes > 0 && !same_resolution))) release();
 }
 
+void Texels::CropTo(int left, int top, int new_width, int new_height, Texels* out) const {
+  out->x0 = left;
+  out->y0 = top;
+  out->width = new_width;
+  out->height = new_height;
+  out->stride = PaddedStride(new_width);
+  out->classes = classes;
+  const PixelRect all = {left, top, left + new_width, top + new_height};
+  const auto copy = [&](const auto& from, auto* to) {
+    ClearAround(all, *out, to);
+    for (int y = 0; y < new_height; ++y) {
+      std::copy_n(&from[Index(left - x0, top - y0 + y)], new_width, &(*to)[out->Index(0, y)]);
+    }
+  };
+  copy(luminance, &out->luminance);
+  out->likelihoods.resize(likelihoods.size());
+  for (size_t p = 0; p < likelihoods.size(); ++p) copy(likelihoods[p], &out->likelihoods[p]);
+}
+
 std::vector<uint16_t> StoredTexels::HalfLuminance() const {
   const TexelShape half = Half();
   std::vector<uint16_t> out(half.pixels());

@@ -72,6 +72,9 @@ struct Texels {
   size_t Index(int x, int y) const { return static_cast<size_t>(y) * stride + x; }
   bool Valid(int x, int y) const { return luminance[Index(x, y)] != 0; }
   double Luminance(int x, int y) const { return (luminance[Index(x, y)] - 1.0) / kLuminanceSteps; }
+  // Copies `new_width` x `new_height` of these pixels, from pixel (left, top) of the whole image on (both even), to
+  // `out`, whose arrays are reused.
+  void CropTo(int left, int top, int new_width, int new_height, Texels* out) const;
   double Likelihood(int x, int y, int l) const {
     const uint32_t packed = likelihoods[l / kClassesPerPlane][Index(x, y)];
     return static_cast<double>(packed >> (8 * (l % kClassesPerPlane)) & 255) / kLikelihoodSteps;

@@ -98,6 +98,29 @@ TEST(StoredTexels, LoadsCopiedPixelsInBands) {
   }
 }
 
+// A part of loaded texels has the bytes of a load of that part, padding and spare row included.
+TEST(Texels, CropEqualsTheLoadedPart) {
+  Random random(6);
+  for (const int scale : {1, 2}) {
+    for (const int classes : {0, 3, 6}) {
+      const FloatImage image = RandomImage(random, 130, 90, 1);
+      const HeldPixels pixels(
+          image, classes == 0 ? FloatImage() : RandomImage(random, 130 / scale, 90 / scale, classes));
+      const StoredTexels stored = *pixels.Level(0);
+      Texels wide, part, cropped;
+      stored.LoadWindow({-4, -2, 140, 96}, &wide);
+      for (const PixelRect& window : {PixelRect{-4, 10, 37, 53}, PixelRect{64, -2, 140, 96}, PixelRect{20, 30, 20, 30}}) {
+        stored.LoadWindow(window, &part);
+        wide.CropTo(window.x0, window.y0, window.width(), window.height(), &cropped);
+        EXPECT_EQ(cropped.luminance, part.luminance);
+        EXPECT_EQ(cropped.likelihoods, part.likelihoods);
+        EXPECT_EQ(cropped.stride, part.stride);
+        EXPECT_EQ(cropped.classes, part.classes);
+      }
+    }
+  }
+}
+
 TEST(StoredTexels, NextLevelIsTheMeanOfFourPixels) {
   Random random(5);
   FloatImage image = RandomImage(random, 31, 22, 1);
