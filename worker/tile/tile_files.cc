@@ -1,6 +1,7 @@
 #include "worker/tile/tile_files.h"
 
 #include <algorithm>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
@@ -42,6 +43,30 @@ std::span<const Record> ToRecords(std::span<const Number> numbers) {
   static_assert(sizeof(Record) % sizeof(Number) == 0 && alignof(Record) == alignof(Number));
   return {reinterpret_cast<const Record*>(numbers.data()), numbers.size_bytes() / sizeof(Record)};
 }
+
+// The arrays of a file that is written from where its values are, without copies.
+class SpansFile {
+ public:
+  template <class Number, class Record>
+  void Put(std::string name, const std::vector<Record>& records) {
+    static_assert(sizeof(Record) % sizeof(Number) == 0 && alignof(Record) == alignof(Number));
+    const std::span<const Number> values(reinterpret_cast<const Number*>(records.data()),
+                                         records.size() * sizeof(Record) / sizeof(Number));
+    arrays_.push_back({name, std::vector<Number>(), values.size()});
+    appends_.push_back([name = std::move(name), values](ArrayFileWriter* file) { file->Append(name, values); });
+  }
+
+  // The vectors must still be as they were. Errors as ArrayFileWriter.
+  Status Write(const std::string& path, const std::string& metadata) const {
+    TESSERA_ASSIGN_OR_RETURN(const auto file, ArrayFileWriter::Create(path, metadata, arrays_));
+    for (const auto& append : appends_) append(file.get());
+    return file->Finish();
+  }
+
+ private:
+  std::vector<ArrayFileWriter::Array> arrays_;
+  std::vector<std::function<void(ArrayFileWriter*)>> appends_;
+};
 
 template <class T>
 std::vector<T> Copy(std::span<const T> values) {
@@ -206,19 +231,19 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
 }
 
 Status WriteTileSums(const std::string& path, const TileSums& s) {
-  ArrayFile file;
-  file.metadata = json{{"tile", s.tile},
-                       {"classes", s.classes},
-                       {"energy", s.energy},
-                       {"semantic_energy", s.semantic_energy},
-                       {"warped_pixels", s.warped_pixels},
-                       {"fit", s.fit}}
-                      .dump();
+  SpansFile file;
+  const std::string metadata = json{{"tile", s.tile},
+                                    {"classes", s.classes},
+                                    {"energy", s.energy},
+                                    {"semantic_energy", s.semantic_energy},
+                                    {"warped_pixels", s.warped_pixels},
+                                    {"fit", s.fit}}
+                                   .dump();
   const auto put = [&](const std::string& prefix, const FaceSumsById& sums) {
-    file.arrays[prefix + "face_ids"] = sums.face_ids;
-    file.arrays[prefix + "photo"] = ToNumbers<float>(sums.photo);
-    file.arrays[prefix + "likelihoods"] = sums.likelihoods;
-    file.arrays[prefix + "pixels"] = sums.pixels;
+    file.Put<uint32_t>(prefix + "face_ids", sums.face_ids);
+    file.Put<float>(prefix + "photo", sums.photo);
+    file.Put<float>(prefix + "likelihoods", sums.likelihoods);
+    file.Put<float>(prefix + "pixels", sums.pixels);
   };
   put("", s);
   put("sample_", s.sample);
@@ -232,11 +257,11 @@ Status WriteTileSums(const std::string& path, const TileSums& s) {
       contours.insert(contours.end(), c.curvature[k].data(), c.curvature[k].data() + 6);
     }
   }
-  file.arrays["contour_faces"] = std::move(faces);
-  file.arrays["contours"] = std::move(contours);
-  file.arrays["contour_views_begin"] = std::move(views_begin);
-  file.arrays["contour_views"] = s.contours.views;
-  return WriteArrayFile(path, file);
+  file.Put<uint32_t>("contour_faces", faces);
+  file.Put<double>("contours", contours);
+  file.Put<uint32_t>("contour_views_begin", views_begin);
+  file.Put<int32_t>("contour_views", s.contours.views);
+  return file.Write(path, metadata);
 }
 
 StatusOr<TileSums> ReadTileSums(const std::string& path) {
@@ -309,17 +334,16 @@ double MeanConfidence(const TileState& state) {
 }
 
 Status WriteTileState(const std::string& path, const TileState& s) {
-  ArrayFile file;
-  file.metadata =
-      json{{"tile", s.tile}, {"in_level", !s.level_start.empty()}, {"report", json::parse(s.report)}}.dump();
-  file.arrays["vertex_ids"] = s.vertex_ids;
-  file.arrays["positions"] = ToNumbers<double>(s.positions);
-  file.arrays["level_start"] = ToNumbers<double>(s.level_start);
-  file.arrays["last_step"] = ToNumbers<float>(s.last_step);
-  file.arrays["face_ids"] = s.face_ids;
-  file.arrays["labels"] = s.labels;
-  file.arrays["confidence"] = s.confidence;
-  return WriteArrayFile(path, file);
+  SpansFile file;
+  file.Put<uint32_t>("vertex_ids", s.vertex_ids);
+  file.Put<double>("positions", s.positions);
+  file.Put<double>("level_start", s.level_start);
+  file.Put<float>("last_step", s.last_step);
+  file.Put<uint32_t>("face_ids", s.face_ids);
+  file.Put<int32_t>("labels", s.labels);
+  file.Put<float>("confidence", s.confidence);
+  return file.Write(
+      path, json{{"tile", s.tile}, {"in_level", !s.level_start.empty()}, {"report", json::parse(s.report)}}.dump());
 }
 
 StatusOr<MappedState> MappedState::Open(const std::string& path) {
