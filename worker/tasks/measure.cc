@@ -11,7 +11,7 @@ namespace tessera {
 
 StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
-  TESSERA_ASSIGN_OR_RETURN(const StepTask task, OpenStepTask(request, 0, 0));
+  TESSERA_ASSIGN_OR_RETURN(StepTask task, OpenStepTask(request, 0, 0));
   TESSERA_ASSIGN_OR_RETURN(TileImages* const images, task.work->Images(InputPath(request, kViewsFile), task.options));
   const double seconds_opening = SecondsSince(clock, start_us);
   StepSums sums;
@@ -36,6 +36,7 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
   }
   control.Report(0.95, "writing sums");
   TESSERA_RETURN_IF_ERROR(WriteTileSums(OutputPath(request, kSumsFile), CoreSums(*task.work, sums)));
+  task.work->KeepSnapshot(std::move(task.states_key), std::move(task.snapshot));  // solve reads the same states
   TaskOutcome outcome;
   outcome.outputs = {kSumsFile};
   stats["seconds_loading"] = seconds_loading;

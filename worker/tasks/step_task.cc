@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/task_functions.h"
 #include "worker/tile/methods.h"
@@ -25,12 +26,19 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
         absl::StrCat(request.kind, ": found step ", p.step, ", expected 0 to ", steps.size() - 1));
   }
   task.at = steps[p.step];
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> files, OpenStates(request, p.states));
-  std::vector<StateSpans> states;
-  for (const MappedState& file : files) states.push_back(file.spans());
-  TESSERA_ASSIGN_OR_RETURN(
-      task.snapshot,
-      task.work->Assemble(states, task.at.labels() ? label_region : iteration_region, p.frozen, p.first_new_face));
+  std::vector<std::string> paths;
+  for (const int tile : p.states) paths.push_back(InputPath(request, TileInputName(tile, kStateFile)));
+  TESSERA_ASSIGN_OR_RETURN(const std::string contents, StatesKey(paths));
+  task.states_key = absl::StrCat(contents, absl::StrJoin(p.frozen, ","), ";", p.first_new_face);
+  const uint8_t region = task.at.labels() ? label_region : iteration_region;
+  if (auto kept = task.work->TakeSnapshot(task.states_key, region)) {
+    task.snapshot = *std::move(kept);
+  } else {
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> files, OpenStates(request, p.states));
+    std::vector<StateSpans> states;
+    for (const MappedState& file : files) states.push_back(file.spans());
+    TESSERA_ASSIGN_OR_RETURN(task.snapshot, task.work->Assemble(states, region, p.frozen, p.first_new_face));
+  }
   if (p.continues_base) task.snapshot.report = "{}";
   return task;
 }

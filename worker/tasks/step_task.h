@@ -17,7 +17,8 @@ struct StepTask {
   std::shared_ptr<TileWorkspace> work;
   TileRefineOptions options;
   TileStep at;
-  TileSnapshot snapshot;  // as TileWorkspace::Assemble gives it
+  TileSnapshot snapshot;   // as TileWorkspace::Assemble gives it
+  std::string states_key;  // of the states of `snapshot`, for TileWorkspace::KeepSnapshot
 };
 
 // Reads the package and the states among the inputs. The states must cover a region of the package, `label_region` in

@@ -22,7 +22,7 @@ namespace {
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
 // Approximate bytes per face.
-constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300, kRepairBytes = 180;
+constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300, kRepairBytes = 180, kSnapshotBytes = 50;
 
 // A workspace keeps its repair if it then takes at most this share of the memory of idle workspaces.
 constexpr size_t kRepairShare = 8;
@@ -78,6 +78,15 @@ StatusOr<std::string> ContentKey(const std::string& path) {
 }
 
 }  // namespace
+
+StatusOr<std::string> StatesKey(const std::vector<std::string>& paths) {
+  std::string key;
+  for (const std::string& path : paths) {
+    TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(path));
+    absl::StrAppend(&key, content, ";");
+  }
+  return key;
+}
 
 StatusOr<std::shared_ptr<TileWorkspace>> TileWorkspace::Open(const std::string& path, const std::string& options_key) {
   TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(path));
@@ -140,14 +149,14 @@ void TileWorkspace::Forget(Region region) {
 RegionRepair* TileWorkspace::KeptRepair(const StepperOptions& options) {
   if (repair_ != nullptr) return repair_.get();
   const RegionMesh& part = region(kRepairRegion);
-  const size_t with_regions = kPackageBytes + 2 * kRegionBytes + kStepperBytes + kRepairBytes;
+  const size_t with_regions = kPackageBytes + 2 * kRegionBytes + kStepperBytes + kRepairBytes + kSnapshotBytes;
   if (with_regions * package_.face_ids.size() > IdleLimit_bytes() / kRepairShare) return nullptr;
   repair_ = std::make_unique<RegionRepair>(part, MakeMotionLimits(options, package_.gsd_m));
   return repair_.get();
 }
 
 size_t TileWorkspace::bytes() const {
-  size_t bytes = kPackageBytes * package_.face_ids.size();
+  size_t bytes = (kPackageBytes + (snapshot_ ? kSnapshotBytes : 0)) * package_.face_ids.size();
   if (repair_ != nullptr) bytes += kRepairBytes * repair_->guard.start_normals().size();
   for (const auto& [region, part] : regions_) {
     bytes += (kRegionBytes + (region == kSolveRegion || whole_ ? kStepperBytes : 0)) * part.faces.size();
@@ -257,15 +266,27 @@ StatusOr<TileSnapshot> TileWorkspace::Assemble(const std::vector<StateSpans>& st
     });
     if (state.tile == package_.tile) snapshot.report = state.report;
   }
-  for (size_t f = 0; region != 0 && !others_begin && f < has_face.size(); ++f) {
-    if (!(package_.regions[f] & region)) continue;
+  for (size_t f = 0; !others_begin && f < has_face.size(); ++f) {
     if (first_new_face >= 0 && package_.face_ids[f] >= first_new_face) continue;
     const Triangle& face = package_.mesh.faces[f];
     if (has_face[f] && has_vertex[face[0]] && has_vertex[face[1]] && has_vertex[face[2]]) continue;
+    snapshot.covered &= static_cast<uint8_t>(~package_.regions[f]);
+    if (!(package_.regions[f] & region)) continue;
     return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no state has face ", package_.face_ids[f]));
   }
   if (others_begin) snapshot.confidence.clear();  // the core's faces have no confidence yet
   return snapshot;
+}
+
+void TileWorkspace::KeepSnapshot(std::string states_key, TileSnapshot snapshot) {
+  states_key_ = std::move(states_key);
+  snapshot_ = std::move(snapshot);
+}
+
+std::optional<TileSnapshot> TileWorkspace::TakeSnapshot(const std::string& states_key, uint8_t region) {
+  std::optional<TileSnapshot> taken = std::exchange(snapshot_, std::nullopt);
+  if (taken && (states_key_ != states_key || (region & ~taken->covered) != 0)) taken.reset();
+  return taken;
 }
 
 std::vector<uint32_t> TileWorkspace::PlacesIn(const RegionMesh& part) const {

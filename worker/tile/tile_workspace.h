@@ -36,6 +36,7 @@ struct RegionMesh {
 
 // The state of all vertices and faces of a package between two steps.
 struct TileSnapshot {
+  uint8_t covered = 0xff;  // Region bits: the states have all faces of these regions and their corners
   // Per vertex of the package. `level_start` and `last_step` are empty between levels.
   std::vector<Eigen::Vector3d> positions, level_start;
   std::vector<Eigen::Vector3f> last_step;
@@ -114,6 +115,11 @@ class TileWorkspace {
   // corners is in no state, except faces with ids from `first_new_face` (-1: none).
   StatusOr<TileSnapshot> Assemble(const std::vector<StateSpans>& states, uint8_t region,
                                   const std::vector<int>& frozen = {}, int64_t first_new_face = -1);
+  // Keeps what Assemble returned for the next task that reads the same states. `states_key`: identifies them and the
+  // other arguments of Assemble except the region (StatesKey).
+  void KeepSnapshot(std::string states_key, TileSnapshot snapshot);
+  // The kept snapshot, if its key is `states_key` and its states cover `region`. Forgets it in any case.
+  std::optional<TileSnapshot> TakeSnapshot(const std::string& states_key, uint8_t region);
   // Sums of the region's faces, from all tiles. DATA_LOSS if a face is in no sums, unless it is flagged in `frozen`
   // (TileSnapshot::frozen_faces).
   StatusOr<std::vector<FaceSums>> AssemblePhoto(const std::vector<TileSums>& sums, Region region,
@@ -161,6 +167,11 @@ class TileWorkspace {
   };
   std::unique_ptr<LabelledStepper> stepper_;
   std::unique_ptr<RegionRepair> repair_;  // refers to its region
+  std::string states_key_;
+  std::optional<TileSnapshot> snapshot_;  // as assembled from the states of states_key_
 };
+
+// Identifies the contents of the files at `paths`. NOT_FOUND if one does not exist.
+StatusOr<std::string> StatesKey(const std::vector<std::string>& paths);
 
 }  // namespace tessera

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "common/storage/files.h"
 #include "tests/support/read_tile_state.h"
 #include "tests/unit/worker/tile/tiny_city.h"
 
@@ -113,6 +114,35 @@ TEST_F(TileWorkspaceTest, MissingNeighbourIsDataLoss) {
       EXPECT_TRUE(tile.Assemble(SpansOf(states), region).ok()) << "has all tiles";
     }
   }
+}
+
+// A task gets the snapshot that an earlier one of the same states kept, once, and only if they cover its region.
+TEST_F(TileWorkspaceTest, SnapshotIsKeptForTheSameStatesAndRegion) {
+  TileWorkspace tile(cuts_[0].package);
+  const auto whole = tile.Assemble(SpansOf(states_), 0), own = tile.Assemble(SpansOf({states_[0]}), 0);
+  ASSERT_TRUE(whole.ok() && own.ok());
+  const auto taken = [&](const TileSnapshot& kept, const std::string& key, uint8_t region) {
+    tile.KeepSnapshot("a", kept);
+    const auto snapshot = tile.TakeSnapshot(key, region);
+    EXPECT_FALSE(tile.TakeSnapshot("a", 0)) << "forgotten";
+    return snapshot.has_value() && snapshot->positions == kept.positions;
+  };
+  EXPECT_TRUE(taken(*whole, "a", kSolveRegion | kRepairRegion | kLabelRegion));
+  EXPECT_FALSE(taken(*whole, "b", kCoreRegion));
+  EXPECT_TRUE(taken(*own, "a", kCoreRegion));
+  for (const Region region : {kSolveRegion, kRepairRegion, kLabelRegion}) EXPECT_FALSE(taken(*own, "a", region));
+}
+
+TEST_F(TileWorkspaceTest, StatesKeyFollowsTheContents) {
+  const std::string a = testing::TempDir() + "/key_a", b = testing::TempDir() + "/key_b";
+  ASSERT_TRUE(WriteFileAtomic(a, "1").ok() && WriteFileAtomic(b, "1").ok());
+  const std::string both = *StatesKey({a, b});
+  EXPECT_EQ(*StatesKey({a, b}), both);
+  EXPECT_NE(*StatesKey({b, a}), both);
+  EXPECT_NE(*StatesKey({a}), both);
+  ASSERT_TRUE(WriteFileAtomic(b, "2").ok());
+  EXPECT_NE(*StatesKey({a, b}), both);
+  EXPECT_EQ(StatesKey({a, b + "_none"}).status().code(), absl::StatusCode::kNotFound);
 }
 
 TEST_F(TileWorkspaceTest, DifferencesBetweenTilesAreCounted) {
