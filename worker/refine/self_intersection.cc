@@ -225,11 +225,12 @@ class SurfaceRepair::Motion {
   const TriangleMesh& mesh() const { return mesh_; }
   bool changed(uint32_t vertex) const { return share_[vertex] < 1 && proposed_[vertex] != good_[vertex]; }
 
-  // Faces with a moving corner, ascending.
-  std::vector<uint32_t> MovingFaces() const {
+  // Those of the faces `tested` (flags; empty: all) that have a moving corner, ascending.
+  std::vector<uint32_t> MovingFaces(const std::vector<uint8_t>& tested) const {
     std::vector<uint32_t> out;
     const auto moves = [&](uint32_t v) { return proposed_[v] != good_[v]; };
     for (uint32_t f = 0; f < mesh_.faces.size(); ++f) {
+      if (!tested.empty() && !tested[f]) continue;
       if (std::any_of(mesh_.faces[f].begin(), mesh_.faces[f].end(), moves)) out.push_back(f);
     }
     return out;
@@ -305,10 +306,11 @@ class SurfaceRepair::Motion {
   std::vector<int> rings_;  // distance from a defective face in the current pass; -1: not reached
 };
 
-SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) {
+SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices,
+                                         const std::vector<uint8_t>& tested) {
   Motion motion(start_.faces, faces_of_vertex_, good, *vertices);
   // Only faces that moved can have new defects.
-  std::vector<uint32_t> active = motion.MovingFaces(), defective;
+  std::vector<uint32_t> active = motion.MovingFaces(tested), defective;
   Result result;
   std::vector<FacePair> cut;  // intersecting pairs that do not intersect at the start
   std::vector<uint8_t> is_defective(start_.faces.size()), moved(start_.faces.size());

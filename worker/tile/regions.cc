@@ -56,14 +56,16 @@ class Squares {
   std::vector<uint8_t> marks_;
 };
 
-// Adds the faces that may touch a flagged one.
-void GrowContacts(const std::vector<Eigen::AlignedBox3d>& boxes, std::vector<uint8_t>* faces) {
-  Squares squares(boxes);
+// Adds the faces that may touch a flagged one. `squares`: of the flagged faces at the call before, `added`: flags of
+// these.
+void GrowContacts(const std::vector<Eigen::AlignedBox3d>& boxes, Squares* squares, std::vector<uint8_t>* added,
+                  std::vector<uint8_t>* faces) {
   for (size_t f = 0; f < faces->size(); ++f) {
-    if ((*faces)[f]) squares.Add(boxes[f]);
+    if ((*faces)[f] && !(*added)[f]) squares->Add(boxes[f]);
   }
+  *added = *faces;
   for (size_t f = 0; f < faces->size(); ++f) {
-    if (!(*faces)[f] && squares.Meets(boxes[f])) (*faces)[f] = 1;
+    if (!(*faces)[f] && squares->Meets(boxes[f])) (*faces)[f] = 1;
   }
 }
 
@@ -139,9 +141,11 @@ std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const CsrRows& fac
                                     const std::vector<Eigen::AlignedBox3d>& boxes) {
   std::vector<uint8_t> faces = core;
   GrowRings(mesh, faces_of_vertex, 1, &faces);
+  Squares squares(boxes);
+  std::vector<uint8_t> added(faces.size(), 0);
   for (const int rings : radius.rings) {
     GrowRings(mesh, faces_of_vertex, rings, &faces);
-    GrowContacts(boxes, &faces);
+    GrowContacts(boxes, &squares, &added, &faces);
   }
   GrowRings(mesh, faces_of_vertex, radius.start_rings, &faces);
   return faces;

@@ -59,7 +59,7 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
     } else {
       std::vector<uint8_t> core;
       for (const uint32_t f : region.faces) core.push_back(package.regions[f] & kCoreRegion);
-      repaired = kept != nullptr ? RepairRegion(*kept, core, good, &positions)
+      repaired = kept != nullptr ? RepairWithKept(*kept, region, core, options.step, good, &positions)
                                  : RepairCore(region, core, package.gsd_m, options.step, good, &positions);
     }
     for (size_t v = 0; v < positions.size(); ++v) snapshot->positions[region.vertices[v]] = positions[v];
@@ -71,12 +71,17 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
   return repaired;
 }
 
-CoreRepair RepairRegion(RegionRepair& region, const std::vector<uint8_t>& core, const std::vector<Vector3d>& good,
-                        std::vector<Vector3d>* positions) {
+CoreRepair RepairWithKept(RegionRepair& kept, const RegionMesh& region, const std::vector<uint8_t>& core,
+                          const StepperOptions& options, const std::vector<Vector3d>& good,
+                          std::vector<Vector3d>* positions) {
+  RepairDependencyRadius radius = RepairDependencyRadiusOf(options);
+  radius.start_rings = 0;  // the guard has the smoothed start of the whole region
+  const std::vector<uint8_t> tested = FacesForRepair(region.mesh, kept.guard.faces_of_vertex(), core, radius,
+                                                     SweptBoxes(region.mesh.faces, good, *positions));
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
-    return region.guard.KeepsOrientation(face, from, to);
+    return kept.guard.KeepsOrientation(face, from, to);
   };
-  const SurfaceRepair::Result repaired = region.repair.Run(good, keeps_facing, positions);
+  const SurfaceRepair::Result repaired = kept.repair.Run(good, keeps_facing, positions, tested);
   CoreRepair out;
   out.changed_vertices = repaired.changed_vertices;
   for (const uint32_t f : repaired.left) out.left_faces += core[f] != 0;

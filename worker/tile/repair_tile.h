@@ -37,9 +37,10 @@ CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core
                       const StepperOptions& options, const std::vector<Eigen::Vector3d>& good,
                       std::vector<Eigen::Vector3d>* positions);
 
-// The same with the kept repair of the whole region.
-CoreRepair RepairRegion(RegionRepair& region, const std::vector<uint8_t>& core,
-                        const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions);
+// The same with the kept guard and boxes of the region.
+CoreRepair RepairWithKept(RegionRepair& kept, const RegionMesh& region, const std::vector<uint8_t>& core,
+                          const StepperOptions& options, const std::vector<Eigen::Vector3d>& good,
+                          std::vector<Eigen::Vector3d>* positions);
 
 // Confidence of a label that is carried through, because no likelihoods can change it.
 float CarriedConfidence(int classes, int32_t label);

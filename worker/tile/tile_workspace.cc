@@ -25,7 +25,7 @@ constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300, kRepairBytes = 180, kSnapshotBytes = 50;
 
 // A workspace keeps its repair if it then takes at most this share of the memory of idle workspaces.
-constexpr size_t kRepairShare = 8;
+constexpr size_t kRepairShare = 4;
 
 // Bound on the bytes of all idle workspaces.
 size_t IdleLimit_bytes() {
