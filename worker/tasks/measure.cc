@@ -36,7 +36,8 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
   }
   control.Report(0.95, "writing sums");
   TESSERA_RETURN_IF_ERROR(WriteTileSums(OutputPath(request, kSumsFile), CoreSums(*task.work, sums)));
-  task.work->KeepSnapshot(std::move(task.states_key), std::move(task.snapshot));  // solve reads the same states
+  // Solve reads the same states.
+  task.work->kept_snapshot().Keep(std::move(task.states_key), std::move(task.snapshot));
   TaskOutcome outcome;
   outcome.outputs = {kSumsFile};
   stats["seconds_loading"] = seconds_loading;

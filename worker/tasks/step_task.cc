@@ -31,7 +31,7 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
   TESSERA_ASSIGN_OR_RETURN(const std::string contents, StatesKey(paths));
   task.states_key = absl::StrCat(contents, absl::StrJoin(p.frozen, ","), ";", p.first_new_face);
   const uint8_t region = task.at.labels() ? label_region : iteration_region;
-  if (auto kept = task.work->TakeSnapshot(task.states_key, region)) {
+  if (auto kept = task.work->kept_snapshot().Take(task.states_key, region)) {
     task.snapshot = *std::move(kept);
   } else {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> files, OpenStates(request, p.states));

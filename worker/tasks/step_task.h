@@ -18,7 +18,7 @@ struct StepTask {
   TileRefineOptions options;
   TileStep at;
   TileSnapshot snapshot;   // as TileWorkspace::Assemble gives it
-  std::string states_key;  // of the states of `snapshot`, for TileWorkspace::KeepSnapshot
+  std::string states_key;  // of the states of `snapshot`, for KeptSnapshot
 };
 
 // Reads the package and the states among the inputs. The states must cover a region of the package, `label_region` in

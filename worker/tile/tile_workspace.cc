@@ -156,7 +156,7 @@ RegionRepair* TileWorkspace::KeptRepair(const StepperOptions& options) {
 }
 
 size_t TileWorkspace::bytes() const {
-  size_t bytes = (kPackageBytes + (snapshot_ ? kSnapshotBytes : 0)) * package_.face_ids.size();
+  size_t bytes = (kPackageBytes + (snapshot_.empty() ? 0 : kSnapshotBytes)) * package_.face_ids.size();
   if (repair_ != nullptr) bytes += kRepairBytes * repair_->guard.start_normals().size();
   for (const auto& [region, part] : regions_) {
     bytes += (kRegionBytes + (region == kSolveRegion || whole_ ? kStepperBytes : 0)) * part.faces.size();
@@ -278,12 +278,12 @@ StatusOr<TileSnapshot> TileWorkspace::Assemble(const std::vector<StateSpans>& st
   return snapshot;
 }
 
-void TileWorkspace::KeepSnapshot(std::string states_key, TileSnapshot snapshot) {
+void KeptSnapshot::Keep(std::string states_key, TileSnapshot snapshot) {
   states_key_ = std::move(states_key);
   snapshot_ = std::move(snapshot);
 }
 
-std::optional<TileSnapshot> TileWorkspace::TakeSnapshot(const std::string& states_key, uint8_t region) {
+std::optional<TileSnapshot> KeptSnapshot::Take(const std::string& states_key, uint8_t region) {
   std::optional<TileSnapshot> taken = std::exchange(snapshot_, std::nullopt);
   if (taken && (states_key_ != states_key || (region & ~taken->covered) != 0)) taken.reset();
   return taken;

@@ -58,6 +58,20 @@ struct RegionRepair {
       : guard(region.mesh, region.boundary, limits), repair(region.mesh, guard.faces_of_vertex()) {}
 };
 
+// An assembled snapshot, for the next task that reads the same states.
+class KeptSnapshot {
+ public:
+  // `states_key`: identifies the states and the other arguments of Assemble except the region (StatesKey).
+  void Keep(std::string states_key, TileSnapshot snapshot);
+  // The snapshot, if its key is `states_key` and its states cover `region`. Forgets it in any case.
+  std::optional<TileSnapshot> Take(const std::string& states_key, uint8_t region);
+  bool empty() const { return !snapshot_; }
+
+ private:
+  std::string states_key_;
+  std::optional<TileSnapshot> snapshot_;
+};
+
 // A tile's views and their data term.
 struct TileImages {
   const std::vector<RefineView> views;
@@ -115,11 +129,8 @@ class TileWorkspace {
   // corners is in no state, except faces with ids from `first_new_face` (-1: none).
   StatusOr<TileSnapshot> Assemble(const std::vector<StateSpans>& states, uint8_t region,
                                   const std::vector<int>& frozen = {}, int64_t first_new_face = -1);
-  // Keeps what Assemble returned for the next task that reads the same states. `states_key`: identifies them and the
-  // other arguments of Assemble except the region (StatesKey).
-  void KeepSnapshot(std::string states_key, TileSnapshot snapshot);
-  // The kept snapshot, if its key is `states_key` and its states cover `region`. Forgets it in any case.
-  std::optional<TileSnapshot> TakeSnapshot(const std::string& states_key, uint8_t region);
+  // What Assemble returned to an earlier task.
+  KeptSnapshot& kept_snapshot() { return snapshot_; }
   // Sums of the region's faces, from all tiles. DATA_LOSS if a face is in no sums, unless it is flagged in `frozen`
   // (TileSnapshot::frozen_faces).
   StatusOr<std::vector<FaceSums>> AssemblePhoto(const std::vector<TileSums>& sums, Region region,
@@ -167,8 +178,7 @@ class TileWorkspace {
   };
   std::unique_ptr<LabelledStepper> stepper_;
   std::unique_ptr<RegionRepair> repair_;  // refers to its region
-  std::string states_key_;
-  std::optional<TileSnapshot> snapshot_;  // as assembled from the states of states_key_
+  KeptSnapshot snapshot_;
 };
 
 // Identifies the contents of the files at `paths`. NOT_FOUND if one does not exist.

@@ -122,9 +122,9 @@ TEST_F(TileWorkspaceTest, SnapshotIsKeptForTheSameStatesAndRegion) {
   const auto whole = tile.Assemble(SpansOf(states_), 0), own = tile.Assemble(SpansOf({states_[0]}), 0);
   ASSERT_TRUE(whole.ok() && own.ok());
   const auto taken = [&](const TileSnapshot& kept, const std::string& key, uint8_t region) {
-    tile.KeepSnapshot("a", kept);
-    const auto snapshot = tile.TakeSnapshot(key, region);
-    EXPECT_FALSE(tile.TakeSnapshot("a", 0)) << "forgotten";
+    tile.kept_snapshot().Keep("a", kept);
+    const auto snapshot = tile.kept_snapshot().Take(key, region);
+    EXPECT_FALSE(tile.kept_snapshot().Take("a", 0)) << "forgotten";
     return snapshot.has_value() && snapshot->positions == kept.positions;
   };
   EXPECT_TRUE(taken(*whole, "a", kSolveRegion | kRepairRegion | kLabelRegion));
