@@ -16,7 +16,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/arrays/mapped_arrays.h"
-#include "common/base/machine_limits.h"
 #include "common/imaging/image_io.h"
 #include "common/scene/photographs.h"
 #include "common/storage/files.h"
@@ -85,11 +84,7 @@ Crop ParseCrop(const json& j) {
                                           likelihoods.at(0), likelihoods.at(1), mapping)};
 }
 
-// Bound on the bytes of crops that are collected in memory.
-size_t HeldLimit_bytes() { return static_cast<size_t>(MemoryLimit_bytes() / 64); }
-
-// Collects crops, since the file's header needs their number first: in memory, those beyond HeldLimit_bytes in a
-// scratch file.
+// Collects crops in scratch files, since the file's header needs their number first.
 class CropWriter {
  public:
   static StatusOr<CropWriter> Create(const std::string& path) {
@@ -104,20 +99,18 @@ class CropWriter {
     crops_.push_back(ToJson({view, first}));
     StoredTexels level;
     static_cast<TexelShape&>(level) = first;
-    for (int l = 0; l < kTexelLevels; ++l) {
+    for (int l = 0;; ++l) {
+      if (!likelihoods.empty())
+        Add(LikelihoodName(crop, l), std::vector<uint8_t>(), std::span<const uint8_t>(likelihoods));
+      Add(LuminanceName(crop, l), std::vector<uint16_t>(), std::span<const uint16_t>(luminance));
+      if (l + 1 == kTexelLevels) return;
       level.luminance = luminance;
       level.likelihoods = likelihoods;
-      std::vector<uint16_t> half_luminance;
-      std::vector<uint8_t> half_likelihoods;
-      if (l + 1 < kTexelLevels) {
-        half_luminance = level.HalfLuminance();
-        if (level.same_resolution) half_likelihoods = level.HalfLikelihoods();
-        static_cast<TexelShape&>(level) = level.Half();
-      }
-      if (!likelihoods.empty()) Add(LikelihoodName(crop, l), std::move(likelihoods));
-      Add(LuminanceName(crop, l), std::move(luminance));
+      std::vector<uint16_t> half_luminance = level.HalfLuminance();
+      const bool halves = level.same_resolution;
+      likelihoods = halves ? level.HalfLikelihoods() : std::vector<uint8_t>();
       luminance = std::move(half_luminance);
-      likelihoods = std::move(half_likelihoods);
+      static_cast<TexelShape&>(level) = level.Half();
     }
   }
 
@@ -126,14 +119,7 @@ class CropWriter {
     TESSERA_ASSIGN_OR_RETURN(const auto file,
                              ArrayFileWriter::Create(path_, json{{"tile", tile}, {"crops", crops_}}.dump(), arrays_));
     size_t at = 0;
-    for (size_t i = 0; i < arrays_.size(); ++i) {
-      const ArrayFileWriter::Array& array = arrays_[i];
-      if (i < held_.size()) {
-        std::visit([&]<class T>(const std::vector<T>& held) { file->Append(array.name, std::span<const T>(held)); },
-                   held_[i]);
-        held_[i] = {};
-        continue;
-      }
+    for (const ArrayFileWriter::Array& array : arrays_) {
       std::visit(
           [&]<class T>(const std::vector<T>&) {
             file->Append(array.name, std::span(reinterpret_cast<const T*>(pixels.data() + at), array.count));
@@ -151,22 +137,14 @@ class CropWriter {
       : path_(std::move(path)), pixels_(std::move(pixels)) {}
 
   template <class T>
-  void Add(std::string name, std::vector<T> values) {
-    arrays_.push_back({std::move(name), std::vector<T>(), values.size()});
-    const size_t bytes = values.size() * sizeof(T);
-    held_bytes_ += bytes;
-    if (held_bytes_ <= HeldLimit_bytes()) {
-      held_.push_back(std::move(values));
-      return;
-    }
-    pixels_->Append(values.data(), bytes);
-    if (bytes % 2 != 0) pixels_->Append("", 1);  // all begin at even offsets
+  void Add(std::string name, std::vector<T> type, std::span<const T> values) {
+    arrays_.push_back({std::move(name), std::move(type), values.size()});
+    pixels_->Append(values.data(), values.size_bytes());
+    if (values.size_bytes() % 2 != 0) pixels_->Append("", 1);  // all begin at even offsets
   }
 
   std::string path_;
   std::unique_ptr<ScratchBytes> pixels_;
-  std::vector<ArrayData> held_;  // the first arrays; the others are in `pixels_`
-  size_t held_bytes_ = 0;        // of all arrays so far: after the first in `pixels_` none is held
   json crops_ = json::array();
   std::vector<ArrayFileWriter::Array> arrays_;
 };

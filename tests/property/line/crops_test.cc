@@ -3,7 +3,6 @@
 
 #include <algorithm>
 
-#include "common/base/machine_limits.h"
 #include "common/imaging/image_io.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
@@ -85,17 +84,6 @@ TEST(Crops, EqualTheImagesLoadedDirectly) {
 }
 
 // Each level is half of the previous one, as if computed in memory.
-// Crops that exceed the memory for them are collected on disk: all, or only the last.
-TEST(Crops, HaveTheSameBytesWhereverTheyAreCollected) {
-  const std::string held = *ReadFile(CropScene({}).paths[0]);
-  for (const int64_t share : {int64_t{1}, static_cast<int64_t>(held.size()) / 2}) {
-    SetMemoryLimit(64 * share);
-    const Cropped cropped = CropScene({});
-    SetMemoryLimit(0);
-    EXPECT_TRUE(*ReadFile(cropped.paths[0]) == held) << share;
-  }
-}
-
 TEST(Crops, ContainAllPyramidLevels) {
   for (const bool coarse : {false, true}) {
     TinySceneOptions options;
