@@ -50,10 +50,10 @@ constexpr double kFaceSeconds = 4e-6;      // per face, before the first step
 constexpr double kStateSeconds = 0.15e-6;  // per face whose state or sums a step's task reads
 constexpr double kWarpSeconds = 16e-9;     // per reference pixel, partner and evaluation
 constexpr double kDrawSeconds = 10.5e-9;   // per rendered face, view and iteration, at any level
-constexpr double kMapSeconds = 27e-9;      // per crop pixel and evaluation
+constexpr double kMapSeconds = 20e-9;      // per crop pixel and evaluation
 // In a tiled job, tasks also render occluders and repair around the core.
-constexpr double kTileDrawShare = 1.9, kTileMendShare = 2.7;
-constexpr double kSolveSeconds = 0.9e-6;    // per face and iteration
+constexpr double kTileDrawShare = 1.9, kTileMendShare = 1.9;
+constexpr double kSolveSeconds = 0.65e-6;   // per face and iteration
 constexpr double kMendSeconds = 1.1e-6;     // per face and repair
 constexpr double kLabelSeconds = 50e-9;     // per crop pixel and label step
 constexpr double kLabelFaceSeconds = 2e-6;  // per face and label step
