@@ -14,6 +14,9 @@ namespace {
 
 constexpr int kMaxParts = 1 << 20, kTries = 4;
 constexpr double kFarTooLarge = 4;
+// A cut across the longer side whose larger part has this much work, relative to an even share, is not compared with one
+// across the shorter side, since that has the longer border.
+constexpr double kFairExcess = 1.05;
 
 // Bounding rectangle of the cells in `rect`.
 CellRect Tightened(const CellIndex& cells, const CellRect& rect) {
@@ -142,7 +145,9 @@ class KdSplitter {
   Cut BestCut(const CellRect& rect, int parts) const {
     const bool long_x = rect.x1 - rect.x0 >= rect.y1 - rect.y0;
     const Cut cut = BestCutAlong(rect, parts, long_x);
-    return std::isfinite(cut.excess) ? cut : BestCutAlong(rect, parts, !long_x);
+    if (cut.excess <= kFairExcess) return cut;
+    const Cut other = BestCutAlong(rect, parts, !long_x);
+    return other.excess < cut.excess ? other : cut;
   }
 
   Cut BestCutAlong(const CellRect& rect, int parts, bool along_x) const {

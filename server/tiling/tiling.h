@@ -26,8 +26,8 @@ TilingOptions TilingOptionsOf(const JobSettings& settings, const Survey& survey)
 int64_t PredictTileBytes(const TileWork& work, const RefineEffort& effort, bool only);
 
 // Rectangles of cells that cover every cell of the survey exactly once, each with at least one face.
-// A k-d tree over predicted work: each part is split across its longer side, at the cell border that balances the
-// predicted work best, until there are `tiles` parts, or until each part with its halo is predicted to fit the memory
+// A k-d tree over predicted work: each part is split across its longer side, or the shorter one if that balances better,
+// at the cell border that balances the predicted work best, until there are `tiles` parts, or until each part with its halo is predicted to fit the memory
 // limit at the upper end of the prediction interval. Gives exactly `tiles` tiles unless there are fewer cells or
 // tile_bytes requires more. Depends on survey and options only, not on workers. INVALID_ARGUMENT with advice if a
 // single cell does not fit.

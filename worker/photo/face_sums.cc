@@ -34,11 +34,10 @@ void FaceGatherer::Begin(const TriangleMesh& mesh, const MeshPart& part, const P
   sums_ = sums;
   shared_.resize(strips);
   corners_.resize(mesh.vertices.size());
-  const CameraWindow window = {camera, {map.x0, map.y0, map.x0 + map.width, map.y0 + map.height}};
   for (const auto& [first, last] : part.vertices) {
     ParallelFor(last - first, kVertexGrain, [&, base = first](int64_t begin, int64_t end) {
       const size_t at = base + static_cast<size_t>(begin);
-      ProjectToGrid(mesh.vertices.data() + at, end - begin, window, kNearPlane_m, corners_.data() + at);
+      ProjectToImage(mesh.vertices.data() + at, end - begin, camera, kNearPlane_m, corners_.data() + at);
     });
   }
 }
@@ -72,18 +71,17 @@ FaceGatherer::Part FaceGatherer::ToCorners(const FaceMoments& m) const {
   part.sums.pairs = m.sums[2];
   if (m.sums[1] == 0) return part;
   const Triangle& face = mesh_->faces[m.face];
-  const GridVertex* corners[3] = {&corners_[face[0]], &corners_[face[1]], &corners_[face[2]]};
-  if ((corners[0]->off_grid | corners[1]->off_grid | corners[2]->off_grid) != 0) {
+  const ImageVertex* corners[3] = {&corners_[face[0]], &corners_[face[1]], &corners_[face[2]]};
+  if (corners[0]->inverse_z == 0 || corners[1]->inverse_z == 0 || corners[2]->inverse_z == 0) {
     UnboundedToCorners(m, &part.sums);
     return part;
   }
   // Relative to the centre of the first pixel, in pixels.
-  constexpr double kPixels = 1.0 / kGridPerPixel;
-  const double x0 = m.x + 0.5, y0 = m.y + 0.5;
+  const double x0 = map_->x0 + m.x + 0.5, y0 = map_->y0 + m.y + 0.5;
   double x[3], y[3];
   for (int c = 0; c < 3; ++c) {
-    x[c] = kPixels * corners[c]->x - x0;
-    y[c] = kPixels * corners[c]->y - y0;
+    x[c] = corners[c]->x - x0;
+    y[c] = corners[c]->y - y0;
   }
   // φ_k = z λ_k / z_k, where λ_k is the part of the image of the face between the pixel and the edge opposite k.
   double area[3], per_column[3], per_row[3];
@@ -106,16 +104,13 @@ FaceGatherer::Part FaceGatherer::ToCorners(const FaceMoments& m) const {
 }
 
 bool FaceGatherer::IsWithin(int32_t face, int row_begin, int row_end) const {
+  // The rasteriser moves corners by less than the half pixel to the centres of the next rows.
+  const double first = map_->y0 + row_begin, last = map_->y0 + row_end;
   const Triangle& corners = mesh_->faces[face];
-  int32_t off_grid = 0;
-  bool within = true;
-  for (const uint32_t v : corners) {
-    const GridVertex& corner = corners_[v];
-    off_grid |= corner.off_grid;
-    within = within && corner.y > int64_t{row_begin - 1} * kGridPerPixel + kGridHalf &&
-             corner.y < int64_t{row_end} * kGridPerPixel + kGridHalf;
-  }
-  return within && off_grid == 0;
+  return std::all_of(corners.begin(), corners.end(), [&](uint32_t v) {
+    const ImageVertex& corner = corners_[v];
+    return corner.inverse_z != 0 && corner.y >= first && corner.y <= last;
+  });
 }
 
 template <bool kAll>

@@ -80,7 +80,7 @@ class FaceGatherer {
   const FaceMap* map_ = nullptr;
   const std::vector<uint8_t>* own_ = nullptr;
   std::vector<FaceSums>* sums_ = nullptr;
-  std::vector<GridVertex> corners_;        // vertices in the map
+  std::vector<ImageVertex> corners_;       // images of the vertices
   std::vector<std::vector<Part>> shared_;  // per strip: faces that may have pixels in other strips
 };
 

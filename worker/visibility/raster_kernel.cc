@@ -27,9 +27,14 @@ struct Projection {
   int32_t x_first, y_first;  // grid units of the window's first pixel
 };
 
-HWY_INLINE void ProjectLanes(const Projection& p, const double* in, int32_t* out) {
+// Images of a vector of vertices, in grid units of the whole image; all 0 where not `good`.
+struct ImageLanes {
+  hn::Vec<Doubles> u, v, inverse_z;
+  hn::Mask<Doubles> good;
+};
+
+HWY_INLINE ImageLanes ProjectLanes(const Projection& p, const double* in) {
   const Doubles d;
-  const Ints di;
   hn::Vec<Doubles> x, y, z;
   hn::LoadInterleaved3(d, in, x, y, z);
   const auto row = [&](int r) HWY_ATTR {
@@ -44,17 +49,32 @@ HWY_INLINE void ProjectLanes(const Projection& p, const double* in, int32_t* out
   const auto limit = hn::Set(d, kGridLimit - 1);
   const auto good =
       hn::And(hn::Ge(depth, hn::Set(d, p.near_m)), hn::And(hn::Lt(hn::Abs(u), limit), hn::Lt(hn::Abs(v), limit)));
-  const auto to_grid = [&](auto value, int32_t first) HWY_ATTR {
-    const auto whole = hn::DemoteTo(di, hn::Round(hn::IfThenElseZero(good, value)));
-    return hn::Sub(whole, hn::DemoteTo(di, hn::IfThenElseZero(good, hn::Set(d, static_cast<double>(first)))));
-  };
-  const auto flag = hn::DemoteTo(di, hn::IfThenZeroElse(good, hn::Set(d, -1.0)));
-  const auto inverse_z = hn::BitCast(di, hn::DemoteTo(Floats(), hn::IfThenElseZero(good, inverse)));
-  hn::StoreInterleaved4(to_grid(u, p.x_first), to_grid(v, p.y_first), inverse_z, flag, di, out);
+  return {hn::IfThenElseZero(good, u), hn::IfThenElseZero(good, v), hn::IfThenElseZero(good, inverse), good};
 }
 
-void Project(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
-             GridVertex* out) {
+HWY_INLINE void StoreLanes(const Projection& p, const ImageLanes& image, GridVertex* out) {
+  const Doubles d;
+  const Ints di;
+  const auto to_grid = [&](auto value, int32_t first) HWY_ATTR {
+    const auto whole = hn::DemoteTo(di, hn::Round(value));
+    return hn::Sub(whole, hn::DemoteTo(di, hn::IfThenElseZero(image.good, hn::Set(d, static_cast<double>(first)))));
+  };
+  const auto flag = hn::DemoteTo(di, hn::IfThenZeroElse(image.good, hn::Set(d, -1.0)));
+  const auto inverse_z = hn::BitCast(di, hn::DemoteTo(Floats(), image.inverse_z));
+  hn::StoreInterleaved4(to_grid(image.u, p.x_first), to_grid(image.v, p.y_first), inverse_z, flag, di,
+                        reinterpret_cast<int32_t*>(out));
+}
+
+HWY_INLINE void StoreLanes(const Projection&, const ImageLanes& image, ImageVertex* out) {
+  const Doubles d;
+  const auto pixels = hn::Set(d, 1.0 / kGridPerPixel);
+  hn::StoreInterleaved3(hn::Mul(image.u, pixels), hn::Mul(image.v, pixels), image.inverse_z, d,
+                        reinterpret_cast<double*>(out));
+}
+
+template <class Vertex>
+HWY_INLINE void ProjectAll(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
+                           Vertex* out) {
   const PosedCamera& camera = window.camera;
   const PinholeCamera& k = camera.intrinsics;
   Projection p;
@@ -72,14 +92,24 @@ void Project(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow&
   const int64_t lanes = static_cast<int64_t>(hn::Lanes(Doubles()));
   const double* in = vertices->data();
   int64_t v = 0;
-  for (; v + lanes <= count; v += lanes) ProjectLanes(p, in + 3 * v, reinterpret_cast<int32_t*>(out + v));
+  for (; v + lanes <= count; v += lanes) StoreLanes(p, ProjectLanes(p, in + 3 * v), out + v);
   if (v < count) {
     double tail[12] = {};
-    GridVertex tail_out[4];
+    Vertex tail_out[4];
     std::copy(in + 3 * v, in + 3 * count, tail);
-    ProjectLanes(p, tail, reinterpret_cast<int32_t*>(tail_out));
+    StoreLanes(p, ProjectLanes(p, tail), tail_out);
     std::copy_n(tail_out, count - v, out + v);
   }
+}
+
+void Project(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
+             GridVertex* out) {
+  ProjectAll(vertices, count, window, near_m, out);
+}
+
+void ProjectUnrounded(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
+                      ImageVertex* out) {
+  ProjectAll(vertices, count, window, near_m, out);
 }
 
 // Whether a face's bounding box contains a pixel centre, or it has a vertex off the grid.
@@ -397,12 +427,18 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace tessera {
 HWY_EXPORT(Project);
+HWY_EXPORT(ProjectUnrounded);
 HWY_EXPORT(Select);
 HWY_EXPORT(Draw);
 
 void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
                    GridVertex* out) {
   if (count > 0) HWY_DYNAMIC_DISPATCH(Project)(vertices, count, window, near_m, out);
+}
+
+void ProjectToImage(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& camera, double near_m,
+                    ImageVertex* out) {
+  if (count > 0) HWY_DYNAMIC_DISPATCH(ProjectUnrounded)(vertices, count, {camera, {}}, near_m, out);
 }
 
 int64_t SelectFaces(const Triangle* faces, int64_t first, int64_t last, const GridVertex* vertices, int width,

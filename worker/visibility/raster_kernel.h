@@ -25,6 +25,12 @@ struct alignas(16) GridVertex {
   int32_t off_grid = 0;  // -1: closer than the near plane or outside the grid, other fields are 0; else 0
 };
 
+// A projected vertex that is not rounded to the grid.
+struct ImageVertex {
+  double x = 0, y = 0;   // pixels of the whole image, so that all windows give the same bytes
+  double inverse_z = 0;  // 0: closer than the near plane or outside the grid, other fields are 0
+};
+
 // Rows [row_first, row_last) of a face map. The pointers refer to the map's first pixel.
 struct DrawTarget {
   int width = 0, height = 0;
@@ -64,6 +70,9 @@ struct DepthPlane {
 // Rounds in coordinates of the whole image, so that all windows give the same vertices.
 void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
                    GridVertex* out);
+
+void ProjectToImage(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& camera, double near_m,
+                    ImageVertex* out);
 
 // Writes to `list` (room for last - first) the faces of [first, last), ascending, whose bounding box contains a pixel
 // centre of the window or that have a vertex off the grid. Returns their number.

@@ -122,14 +122,14 @@ TEST(RunOfBaseScene, IsBetterThanItsStart) {
   EXPECT_GT(BaseResult().labels, BaseStart().labels + 0.03);
 }
 
-// Likelihoods that say nothing leave the labels of the start. The surface moves, so pixels at borders change.
+// Likelihoods that say nothing leave the labels of the start.
 TEST(RunOfAllZeroFiles, KeepsTheLabelsOfTheStart) {
   const std::string scene = FreshTestFolder("zero") + "/scene";
   bent::CopyBaseScene(scene);
   bent::AllZeroFiles(scene);
   const StatusOr<ResultScores> result = RunOf(scene);
   ASSERT_TRUE(result.ok()) << result.status().message();
-  EXPECT_GT(result->labels, BaseStart().labels - 0.02);
+  EXPECT_GT(result->labels, BaseStart().labels - 0.01);
 }
 
 }  // namespace
