@@ -206,15 +206,38 @@ TEST_F(RunTest, SecondRunInTheSameFolderIsRefused) {
   EXPECT_EQ(first.Wait().exit_code, 130);
 }
 
-// Images of other places pull a true start away from what the right images show.
+// A true start, which refinement cannot improve: at a GSD of 0.3 m the noise of the images roughens it if the weight of
+// smoothness is small, and averages out if it is large.
 TEST_F(RunTest, ResultThatFitsWorseThanItsStartHasExitCode5) {
-  const std::string scene = folder_.path() + "/city", images = scene + "/images/";
+  const std::string scene = folder_.path() + "/city";
   fs::copy(ToyCity(), scene, fs::copy_options::recursive);
   fs::copy_file(scene + "/truth/mesh.ply", scene + "/mesh.ply", fs::copy_options::overwrite_existing);
-  const Outcome good = Run({}, scene);
-  EXPECT_EQ(good.exit_code, 0) << good.output;
-  EXPECT_THAT(good.output, HasSubstr("fit of images: "));
+  const Outcome smooth = Run({"--thin-plate", "1"}, scene);
+  EXPECT_EQ(smooth.exit_code, 0) << smooth.output;
+  EXPECT_THAT(smooth.output, HasSubstr("fit of images: "));
   fs::remove_all(out_);
+  const Outcome rough = Run({"--thin-plate", "0.01", "--max-step-px", "4"}, scene);
+  EXPECT_EQ(rough.exit_code, 5) << rough.output;
+  EXPECT_THAT(rough.output, HasSubstr("the result fits the images worse than the start mesh"));
+  const auto report = nlohmann::json::parse(Content(out_ + "/report.json"));
+  EXPECT_EQ(report.at("fit_change").at("worse"), true);
+  EXPECT_GT(report["fit_change"]["became_worse"], report["fit_change"]["became_better"]);
+  EXPECT_TRUE(fs::exists(out_ + "/mesh.ply"));
+
+  // The same from a coordinator.
+  Cluster cluster(folder_.path());
+  cluster.AddWorker();
+  const Outcome submitted =
+      Tessera(folder_.path(), {"submit", scene, "--thin-plate", "0.01", "--max-step-px", "4", "--watch",
+                               "--coordinator", cluster.address()});
+  EXPECT_EQ(submitted.exit_code, 5) << submitted.output;
+  EXPECT_THAT(submitted.output, HasSubstr("jobs/1: the result fits the images worse than the start mesh"));
+  EXPECT_EQ(Tessera(folder_.path(), {"watch", "1", "--coordinator", cluster.address()}).exit_code, 5);
+}
+
+TEST_F(RunTest, ImagesOfOtherPlacesAreNamed) {
+  const std::string scene = folder_.path() + "/city", images = scene + "/images/";
+  fs::copy(ToyCity(), scene, fs::copy_options::recursive);
   for (const std::string flight : {"west", "east"}) {
     std::vector<std::string> names;
     for (const auto& entry : fs::directory_iterator(images)) {
@@ -227,24 +250,7 @@ TEST_F(RunTest, ResultThatFitsWorseThanItsStartHasExitCode5) {
     for (size_t i = 1; i < names.size(); ++i) fs::rename(images + names[i], images + names[i - 1]);
     fs::rename(images + "first", images + names.back());
   }
-  const Outcome outcome = Run({"--anyway", "--thin-plate", "0.01", "--max-step-px", "4"}, scene);
-  EXPECT_EQ(outcome.exit_code, 5) << outcome.output;
-  EXPECT_THAT(outcome.output, HasSubstr("images that disagree with all others: "));
-  EXPECT_THAT(outcome.output, HasSubstr("the result fits the images worse than the start mesh"));
-  const auto report = nlohmann::json::parse(Content(out_ + "/report.json"));
-  EXPECT_EQ(report.at("fit_change").at("worse"), true);
-  EXPECT_GT(report["fit_change"]["became_worse"], report["fit_change"]["became_better"]);
-  EXPECT_TRUE(fs::exists(out_ + "/mesh.ply"));
-
-  // The same from a coordinator.
-  Cluster cluster(folder_.path());
-  cluster.AddWorker();
-  const Outcome submitted =
-      Tessera(folder_.path(), {"submit", scene, "--anyway", "--thin-plate", "0.01", "--max-step-px", "4", "--watch",
-                               "--coordinator", cluster.address()});
-  EXPECT_EQ(submitted.exit_code, 5) << submitted.output;
-  EXPECT_THAT(submitted.output, HasSubstr("jobs/1: the result fits the images worse than the start mesh"));
-  EXPECT_EQ(Tessera(folder_.path(), {"watch", "1", "--coordinator", cluster.address()}).exit_code, 5);
+  EXPECT_THAT(Run({"--anyway"}, scene).output, HasSubstr("images that disagree with all others: "));
 }
 
 }  // namespace
