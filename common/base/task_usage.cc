@@ -80,12 +80,9 @@ TaskUsage TaskUsageMeter::Read() const {
 }
 
 bool PeakSampling::IsDue(const std::string& kind, Clock::time_point now) {
-  constexpr std::chrono::seconds kFirstPause{10}, kLongestPause{600};
-  const auto [entry, is_first] = measured_.try_emplace(kind, Measured{now, kFirstPause});
-  Measured& measured = entry->second;
-  if (is_first) return true;
-  if (now - measured.last < measured.pause) return false;
-  measured = {now, std::min(2 * measured.pause, kLongestPause)};
+  const auto [entry, is_first] = measured_.try_emplace(kind, now);
+  if (!is_first && now - entry->second < kPause) return false;
+  entry->second = now;
   return true;
 }
 

@@ -38,21 +38,17 @@ class TaskUsageMeter {
   bool with_peak_ = false, peak_was_reset_ = false;
 };
 
-// Selects the tasks whose peak is measured. Measuring every short task is too slow, because trimmed memory must be
-// mapped again page by page (a job of three tiles took 48 core-seconds instead of 24). Not thread-safe.
+// Selects the tasks whose peak is measured. Trimmed memory must be mapped again page by page: a measured peak of a step
+// may cost as much as the step. Not thread-safe.
 class PeakSampling {
  public:
   using Clock = std::chrono::steady_clock;
-  // True for the first task of a kind, and again 10, 30, 70, 150, ... s after the first: each time at least twice as
-  // long after the last task with result true as before, at most 10 min.
+  static constexpr std::chrono::minutes kPause{10};
+  // True for the first task of a kind, and for the first that comes kPause or more after the last with result true.
   bool IsDue(const std::string& kind, Clock::time_point now = Clock::now());
 
  private:
-  struct Measured {
-    Clock::time_point last;
-    std::chrono::seconds pause;  // until the next
-  };
-  std::map<std::string, Measured> measured_;
+  std::map<std::string, Clock::time_point> measured_;
 };
 
 }  // namespace tessera
