@@ -22,7 +22,7 @@ StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& 
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   GroundPlane ground = survey.ground;
   ground.cell_m = ChangeCellSize_m(survey.gsd_m);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> states, OpenStates(request, parameters.states));
+  TESSERA_ASSIGN_OR_RETURN(const StatesOfTiles states, OpenStates(request, parameters.states));
   OutdatedFaces of_base;
   if (parameters.outdated) {
     TESSERA_ASSIGN_OR_RETURN(of_base, OutdatedFaces::Open(InputPath(request, kOutdatedFile)));

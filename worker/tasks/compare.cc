@@ -90,7 +90,7 @@ StatusOr<TaskOutcome> RunCompare(const TaskRequest& request, const TaskControl& 
   GroundPlane ground = survey.ground;
   ground.cell_m = ChangeCellSize_m(survey.gsd_m);
   const Eigen::AlignedBox2d plan = PlanOf(parameters.cells, ground.cell_m, kBlockMargin);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> states, OpenStates(request, parameters.states));
+  TESSERA_ASSIGN_OR_RETURN(const StatesOfTiles states, OpenStates(request, parameters.states));
   TESSERA_ASSIGN_OR_RETURN(const CollectedFaces faces, RefinedSurface(city, ground, plan, states));
   const TriangleMesh& surface = faces.mesh;
   ChangeRaster raster(parameters.cells, ground.cell_m);

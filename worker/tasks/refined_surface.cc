@@ -1,18 +1,16 @@
 #include "worker/tasks/refined_surface.h"
 
-#include <utility>
-
 #include "common/job/task_parameters.h"
 #include "worker/city/id_merge.h"
 #include "worker/tasks/task_functions.h"
+#include "worker/tile/kept_files.h"
 
 namespace tessera {
 
-StatusOr<std::vector<MappedState>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles) {
-  std::vector<MappedState> states;
+StatusOr<StatesOfTiles> OpenStates(const TaskRequest& request, const std::vector<int>& tiles) {
+  StatesOfTiles states;
   for (const int tile : tiles) {
-    TESSERA_ASSIGN_OR_RETURN(MappedState state, MappedState::Open(InputPath(request, TileInputName(tile, kStateFile))));
-    states.push_back(std::move(state));
+    TESSERA_ASSIGN_OR_RETURN(states.emplace_back(), OpenState(InputPath(request, TileInputName(tile, kStateFile))));
   }
   return states;
 }
@@ -24,7 +22,7 @@ Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cell
 }
 
 StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlane& ground,
-                                        const Eigen::AlignedBox2d& plan, const std::vector<MappedState>& states) {
+                                        const Eigen::AlignedBox2d& plan, const StatesOfTiles& states) {
   FaceCollector collector;
   for (size_t b = 0; b < city.block_count(); ++b) {
     Eigen::AlignedBox2d of_block;
@@ -40,8 +38,8 @@ StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlan
     }
   }
   CollectedFaces found = collector.Finish();
-  for (const MappedState& state : states) {
-    const StateSpans& spans = state.spans();
+  for (const auto& state : states) {
+    const StateSpans& spans = state->spans();
     ForSharedIds(spans.vertex_ids, found.vertex_ids,
                  [&](size_t i, size_t v) { found.mesh.vertices[v] = spans.positions[i]; });
     ForSharedIds(spans.face_ids, found.face_ids, [&](size_t i, size_t f) { found.mesh.labels[f] = spans.labels[i]; });

@@ -13,13 +13,13 @@
 
 namespace tessera {
 
-// The states of these tiles; their kStateFile are among the request's inputs. Errors as MappedState::Open.
-StatusOr<std::vector<MappedState>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles);
+// The states of these tiles; their kStateFile are among the request's inputs. Errors as OpenState.
+StatusOr<StatesOfTiles> OpenStates(const TaskRequest& request, const std::vector<int>& tiles);
 
 // The faces that may be above `plan` (metres in the ground plane), with labels. Positions and labels are those of
 // `states` where available, else of the start. Errors as the city's.
 StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlane& ground,
-                                        const Eigen::AlignedBox2d& plan, const std::vector<MappedState>& states);
+                                        const Eigen::AlignedBox2d& plan, const StatesOfTiles& states);
 
 // The same for a rectangle of cells of width `cell_m`.
 Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cells);

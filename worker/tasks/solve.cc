@@ -10,7 +10,7 @@ namespace tessera {
 StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(StepTask task, OpenStepTask(request, kLabelRegion, kSolveRegion));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<TileSums> tiles, ReadSums(request, task.parameters));
+  TESSERA_ASSIGN_OR_RETURN(const SumsOfTiles tiles, OpenSumsOf(request, task.parameters));
   const bool labels = task.at.labels();
   const double seconds_loading = SecondsSince(clock, start_us);
   control.Report(0.3, labels ? "labelling" : "moving");

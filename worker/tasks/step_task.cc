@@ -8,6 +8,7 @@
 #include "absl/strings/str_join.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/task_functions.h"
+#include "worker/tile/kept_files.h"
 #include "worker/tile/methods.h"
 
 namespace tessera {
@@ -34,9 +35,9 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
   if (auto kept = task.work->kept_snapshot().Take(task.states_key, region)) {
     task.snapshot = *std::move(kept);
   } else {
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> files, OpenStates(request, p.states));
+    TESSERA_ASSIGN_OR_RETURN(const StatesOfTiles files, OpenStates(request, p.states));
     std::vector<StateSpans> states;
-    for (const MappedState& file : files) states.push_back(file.spans());
+    for (const auto& file : files) states.push_back(file->spans());
     TESSERA_ASSIGN_OR_RETURN(task.snapshot, task.work->Assemble(states, region, p.frozen, p.first_new_face));
   }
   if (p.continues_base) task.snapshot.report = "{}";
@@ -54,24 +55,25 @@ void CountSeams(TileSnapshot* snapshot) {
   snapshot->report = report.dump();
 }
 
-void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, TileSnapshot* snapshot) {
-  const auto own = std::find_if(sums.begin(), sums.end(), [&](const TileSums& of) { return of.tile == package.tile; });
+void CompareSample(const TilePackage& package, const SumsOfTiles& sums, TileSnapshot* snapshot) {
+  const auto own = std::find_if(sums.begin(), sums.end(), [&](const auto& of) { return of->tile == package.tile; });
   if (own == sums.end()) return;
-  const FaceSumsById& sample = own->sample;
+  const FaceSumsById& sample = (*own)->sample;
   const auto differ = [](const auto& a, size_t i, const auto& b, size_t j, size_t values) {
     if (a.empty() || b.empty()) return a.empty() != b.empty();
     return std::memcmp(&a[i * values], &b[j * values], values * sizeof(a[0])) != 0;
   };
-  for (const TileSums& other : sums) {
-    if (&other == &*own) continue;
-    const auto classes = static_cast<size_t>(std::max(own->classes, 0));
+  for (const auto& of_tile : sums) {
+    if (of_tile == *own) continue;
+    const TileSums& other = *of_tile;
+    const auto classes = static_cast<size_t>(std::max((*own)->classes, 0));
     for (size_t i = 0; i < sample.face_ids.size(); ++i) {
       const auto found = std::lower_bound(other.face_ids.begin(), other.face_ids.end(), sample.face_ids[i]);
       if (found == other.face_ids.end() || *found != sample.face_ids[i]) continue;
       const auto j = static_cast<size_t>(found - other.face_ids.begin());
       ++snapshot->compared;
       if (!differ(sample.photo, i, other.photo, j, 1) && !differ(sample.pixels, i, other.pixels, j, 1) &&
-          other.classes == own->classes && !differ(sample.likelihoods, i, other.likelihoods, j, classes)) {
+          other.classes == (*own)->classes && !differ(sample.likelihoods, i, other.likelihoods, j, classes)) {
         continue;
       }
       ++snapshot->different;
@@ -96,11 +98,10 @@ std::string FoldWarning(int tile, int64_t faces) {
                       " faces cut each other or turned against the start and could not be repaired");
 }
 
-StatusOr<std::vector<TileSums>> ReadSums(const TaskRequest& request, const StepParameters& parameters) {
-  std::vector<TileSums> sums;
+StatusOr<SumsOfTiles> OpenSumsOf(const TaskRequest& request, const StepParameters& parameters) {
+  SumsOfTiles sums;
   for (const int tile : parameters.sums) {
-    TESSERA_ASSIGN_OR_RETURN(TileSums of_tile, ReadTileSums(InputPath(request, TileInputName(tile, kSumsFile))));
-    sums.push_back(std::move(of_tile));
+    TESSERA_ASSIGN_OR_RETURN(sums.emplace_back(), OpenSums(InputPath(request, TileInputName(tile, kSumsFile))));
   }
   return sums;
 }

@@ -31,7 +31,7 @@ void CountSeams(TileSnapshot* snapshot);
 
 // Compares the tile's sample with what the faces' own tile measured, and adds it to what Assemble compared. `sums`: of
 // the tile and those that it reads.
-void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, TileSnapshot* snapshot);
+void CompareSample(const TilePackage& package, const SumsOfTiles& sums, TileSnapshot* snapshot);
 
 // A warning if tiles differ: vertices and faces that several tiles compute must be equal.
 Warnings SeamWarnings(int tile, const TileSnapshot& snapshot);
@@ -40,6 +40,6 @@ Warnings SeamWarnings(int tile, const TileSnapshot& snapshot);
 std::string FoldWarning(int tile, int64_t faces);
 
 // Of parameters.sums.
-StatusOr<std::vector<TileSums>> ReadSums(const TaskRequest& request, const StepParameters& parameters);
+StatusOr<SumsOfTiles> OpenSumsOf(const TaskRequest& request, const StepParameters& parameters);
 
 }  // namespace tessera

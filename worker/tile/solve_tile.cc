@@ -67,12 +67,12 @@ void SolveIteration(TileWorkspace& work, const TileStep& at, const StepSums& sum
 
 }  // namespace
 
-StatusOr<StepSums> AssembleSums(TileWorkspace& work, const std::vector<TileSums>& tiles, const TileStep& at,
+StatusOr<StepSums> AssembleSums(TileWorkspace& work, const SumsOfTiles& tiles, const TileStep& at,
                                 const TileSnapshot& snapshot) {
   StepSums out;
   const auto own = std::find_if(tiles.begin(), tiles.end(),
-                                [&](const TileSums& of_tile) { return of_tile.tile == work.package().tile; });
-  if (own != tiles.end()) out.fit = own->fit;
+                                [&](const auto& of_tile) { return of_tile->tile == work.package().tile; });
+  if (own != tiles.end()) out.fit = (*own)->fit;
   if (at.labels()) {
     TESSERA_ASSIGN_OR_RETURN(out.likelihoods, work.AssembleLikelihoods(tiles, at.region(), snapshot.frozen_faces));
     return out;
@@ -81,9 +81,9 @@ StatusOr<StepSums> AssembleSums(TileWorkspace& work, const std::vector<TileSums>
   TESSERA_ASSIGN_OR_RETURN(out.derivatives.photo.faces, work.AssemblePhoto(tiles, at.region(), snapshot.frozen_faces));
   TESSERA_ASSIGN_OR_RETURN(out.derivatives.contours, work.AssembleContours(tiles, at.region()));
   if (own != tiles.end()) {
-    out.energy = own->energy;
-    out.semantic_energy = own->semantic_energy;
-    out.warped_pixels = own->warped_pixels;
+    out.energy = (*own)->energy;
+    out.semantic_energy = (*own)->semantic_energy;
+    out.warped_pixels = (*own)->warped_pixels;
   }
   return out;
 }

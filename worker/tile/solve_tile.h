@@ -15,7 +15,7 @@
 namespace tessera {
 
 // The sums of the faces of at.region(), from the tiles that have them. DATA_LOSS if a face has none.
-StatusOr<StepSums> AssembleSums(TileWorkspace& work, const std::vector<TileSums>& tiles, const TileStep& at,
+StatusOr<StepSums> AssembleSums(TileWorkspace& work, const SumsOfTiles& tiles, const TileStep& at,
                                 const TileSnapshot& snapshot);
 
 // Takes the step: moves the vertices of at.region() or solves its labels, and adds energies and counts to the report of

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -91,6 +92,9 @@ struct TileSums : FaceSumsById {
   std::string fit;  // StepSums::fit
 };
 
+// Sums of several tiles.
+using SumsOfTiles = std::vector<std::shared_ptr<const TileSums>>;
+
 Status WriteTileSums(const std::string& path, const TileSums& sums);
 StatusOr<TileSums> ReadTileSums(const std::string& path);
 
@@ -136,5 +140,6 @@ class MappedState {
   MappedArrays file_;
   StateSpans spans_;
 };
+using StatesOfTiles = std::vector<std::shared_ptr<const MappedState>>;
 
 }  // namespace tessera

@@ -1,9 +1,6 @@
 #include "worker/tile/tile_workspace.h"
 
-#include <sys/stat.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <limits>
 #include <list>
@@ -14,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/machine_limits.h"
 #include "worker/city/pick.h"
+#include "worker/tile/kept_files.h"
 #include "worker/tile/regions.h"
 
 namespace tessera {
@@ -67,14 +65,6 @@ class IdleWorkspaces {
 IdleWorkspaces& Kept() {
   static IdleWorkspaces* const kept = new IdleWorkspaces;
   return *kept;
-}
-
-// Identifies the content of a file (links are followed). Blobs are never changed in place.
-StatusOr<std::string> ContentKey(const std::string& path) {
-  struct stat file = {};
-  if (stat(path.c_str(), &file) != 0) return absl::NotFoundError(path + ": " + std::strerror(errno));
-  return absl::StrCat(file.st_dev, "|", file.st_ino, "|", file.st_size, "|", file.st_mtim.tv_sec, "|",
-                      file.st_mtim.tv_nsec);
 }
 
 }  // namespace
@@ -296,14 +286,14 @@ std::vector<uint32_t> TileWorkspace::PlacesIn(const RegionMesh& part) const {
 }
 
 template <class Take>
-Status TileWorkspace::AssembleFaces(const std::vector<TileSums>& sums, const RegionMesh& part, const char* what,
+Status TileWorkspace::AssembleFaces(const SumsOfTiles& sums, const RegionMesh& part, const char* what,
                                     const std::vector<uint8_t>& frozen, const Take& take) const {
   std::vector<uint8_t> has(part.faces.size(), 0);
   const std::vector<uint32_t> local = PlacesIn(part);
-  for (const TileSums& tile : sums) {
-    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) {
+  for (const auto& tile : sums) {
+    faces_by_id_.ForShared(tile->face_ids, [&](size_t i, uint32_t f) {
       const uint32_t at = local[f];
-      if (at != kNone && take(tile, i, at)) has[at] = 1;
+      if (at != kNone && take(*tile, i, at)) has[at] = 1;
     });
   }
   for (size_t i = 0; i < has.size(); ++i) {
@@ -316,7 +306,7 @@ Status TileWorkspace::AssembleFaces(const std::vector<TileSums>& sums, const Reg
   return absl::OkStatus();
 }
 
-StatusOr<std::vector<FaceSums>> TileWorkspace::AssemblePhoto(const std::vector<TileSums>& sums, Region region,
+StatusOr<std::vector<FaceSums>> TileWorkspace::AssemblePhoto(const SumsOfTiles& sums, Region region,
                                                              const std::vector<uint8_t>& frozen) {
   const RegionMesh& part = this->region(region);
   std::vector<FaceSums> out(part.faces.size());
@@ -328,7 +318,7 @@ StatusOr<std::vector<FaceSums>> TileWorkspace::AssemblePhoto(const std::vector<T
   return out;
 }
 
-StatusOr<ContourSums> TileWorkspace::AssembleContours(const std::vector<TileSums>& sums, Region region) {
+StatusOr<ContourSums> TileWorkspace::AssembleContours(const SumsOfTiles& sums, Region region) {
   struct Entry {
     uint32_t face;
     const TileSums* tile;
@@ -337,11 +327,11 @@ StatusOr<ContourSums> TileWorkspace::AssembleContours(const std::vector<TileSums
   const RegionMesh& part = this->region(region);
   const std::vector<uint32_t> local = PlacesIn(part);
   std::vector<Entry> entries;
-  for (const TileSums& tile : sums) {
-    std::vector<uint32_t> place(tile.face_ids.size(), kNone);
-    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) { place[i] = local[f]; });
-    for (const FaceContour& contour : tile.contours.faces) {
-      if (place[contour.face] != kNone) entries.push_back({place[contour.face], &tile, &contour});
+  for (const auto& tile : sums) {
+    std::vector<uint32_t> place(tile->face_ids.size(), kNone);
+    faces_by_id_.ForShared(tile->face_ids, [&](size_t i, uint32_t f) { place[i] = local[f]; });
+    for (const FaceContour& contour : tile->contours.faces) {
+      if (place[contour.face] != kNone) entries.push_back({place[contour.face], tile.get(), &contour});
     }
   }
   std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.face < b.face; });
@@ -350,7 +340,7 @@ StatusOr<ContourSums> TileWorkspace::AssembleContours(const std::vector<TileSums
   return out;
 }
 
-StatusOr<FaceLikelihoods> TileWorkspace::AssembleLikelihoods(const std::vector<TileSums>& sums, Region region,
+StatusOr<FaceLikelihoods> TileWorkspace::AssembleLikelihoods(const SumsOfTiles& sums, Region region,
                                                              const std::vector<uint8_t>& frozen) {
   const RegionMesh& part = this->region(region);
   const int classes = static_cast<int>(package_.classes.size());

@@ -133,10 +133,10 @@ class TileWorkspace {
   KeptSnapshot& kept_snapshot() { return snapshot_; }
   // Sums of the region's faces, from all tiles. DATA_LOSS if a face is in no sums, unless it is flagged in `frozen`
   // (TileSnapshot::frozen_faces).
-  StatusOr<std::vector<FaceSums>> AssemblePhoto(const std::vector<TileSums>& sums, Region region,
+  StatusOr<std::vector<FaceSums>> AssemblePhoto(const SumsOfTiles& sums, Region region,
                                                 const std::vector<uint8_t>& frozen = {});
-  StatusOr<ContourSums> AssembleContours(const std::vector<TileSums>& sums, Region region);
-  StatusOr<FaceLikelihoods> AssembleLikelihoods(const std::vector<TileSums>& sums, Region region,
+  StatusOr<ContourSums> AssembleContours(const SumsOfTiles& sums, Region region);
+  StatusOr<FaceLikelihoods> AssembleLikelihoods(const SumsOfTiles& sums, Region region,
                                                 const std::vector<uint8_t>& frozen = {});
 
   // The part of `snapshot` in the core.
@@ -157,7 +157,7 @@ class TileWorkspace {
   // Calls take(tile, i, face) for each face of `part` (index in it) that is face i of one of the sums; it returns
   // whether they have it. DATA_LOSS if a face without a flag in `frozen` is missing.
   template <class Take>
-  Status AssembleFaces(const std::vector<TileSums>& sums, const RegionMesh& part, const char* what,
+  Status AssembleFaces(const SumsOfTiles& sums, const RegionMesh& part, const char* what,
                        const std::vector<uint8_t>& frozen, const Take& take) const;
 
   // Per face of the package: its index in the region, or kNone.

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 
 namespace tessera {
 namespace {
@@ -13,6 +14,11 @@ struct Sampled {
   std::vector<TileSums> sums{2};
   TileSnapshot snapshot;
 
+  void Compare() {
+    SumsOfTiles shared;
+    for (const TileSums& of : sums) shared.push_back(std::make_shared<const TileSums>(of));
+    CompareSample(package, shared, &snapshot);
+  }
   Sampled() {
     package.tile = 3;
     package.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {7, 8, 9}};
@@ -47,7 +53,7 @@ TEST(CompareSample, CountsEqualSamples) {
   step.Derivatives();
   labels.Labels();
   for (Sampled* of : {&step, &labels}) {
-    CompareSample(of->package, of->sums, &of->snapshot);
+    of->Compare();
     EXPECT_EQ(of->snapshot.compared, 2);
     EXPECT_EQ(of->snapshot.different, 0);
   }
@@ -57,7 +63,7 @@ TEST(CompareSample, ReportsTheFaceOfABitDifference) {
   Sampled step;
   step.Derivatives();
   step.sums[1].photo[1].curvature[2] = std::nextafter(step.sums[1].photo[1].curvature[2], 1.0f);
-  CompareSample(step.package, step.sums, &step.snapshot);
+  step.Compare();
   EXPECT_EQ(step.snapshot.compared, 2);
   EXPECT_EQ(step.snapshot.different, 1);
   EXPECT_EQ(step.snapshot.farthest_at, Eigen::Vector3d(7, 8, 9));
@@ -65,7 +71,7 @@ TEST(CompareSample, ReportsTheFaceOfABitDifference) {
   Sampled labels;
   labels.Labels();
   labels.sums[0].sample.likelihoods[3] = 0.5f;
-  CompareSample(labels.package, labels.sums, &labels.snapshot);
+  labels.Compare();
   EXPECT_EQ(labels.snapshot.different, 1);
 }
 
@@ -73,7 +79,7 @@ TEST(CompareSample, WithoutASecondTileNothingIsCompared) {
   Sampled step;
   step.Derivatives();
   step.sums.pop_back();
-  CompareSample(step.package, step.sums, &step.snapshot);
+  step.Compare();
   EXPECT_EQ(step.snapshot.compared, 0);
   EXPECT_TRUE(SeamWarnings(3, step.snapshot).empty());
 }

@@ -53,7 +53,7 @@ class TileWorkspaceTest : public testing::Test {
         }
         sums.contours.faces.push_back(contour);
       }
-      sums_.push_back(std::move(sums));
+      sums_.push_back(std::make_shared<const TileSums>(std::move(sums)));
     }
   }
 
@@ -64,7 +64,7 @@ class TileWorkspaceTest : public testing::Test {
   TinyCity tiny_;
   std::vector<CutResult> cuts_;
   std::vector<TileState> states_;
-  std::vector<TileSums> sums_;
+  SumsOfTiles sums_;
 };
 
 TEST_F(TileWorkspaceTest, WithoutStatesAssembleReturnsTheStart) {
@@ -221,7 +221,7 @@ TEST_F(TileWorkspaceTest, SumsAreAssembledForTheRegionsFaces) {
 
 TEST_F(TileWorkspaceTest, MissingSumsAreDataLoss) {
   TileWorkspace tile(cuts_[0].package);
-  const std::vector<TileSums> own(sums_.begin(), sums_.begin() + 1);
+  const SumsOfTiles own(sums_.begin(), sums_.begin() + 1);
   EXPECT_EQ(tile.AssemblePhoto(own, kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(tile.AssembleLikelihoods(own, kLabelRegion).status().code(), absl::StatusCode::kDataLoss);
   EXPECT_TRUE(tile.AssemblePhoto(own, kCoreRegion).ok());
