@@ -11,6 +11,9 @@
 namespace tessera {
 namespace {
 
+constexpr double kBatch_bytes = 256 << 20;
+constexpr int kMostAtOnce = 16;
+
 #ifdef __SANITIZE_THREAD__
 // Under ThreadSanitizer, use plain threads: Debian's oneTBB is not instrumented, so every loop would be reported.
 void ForEachChunk(int64_t chunks, const std::function<void(int64_t)>& run) {
@@ -53,6 +56,15 @@ void ConcurrentForEach(int64_t count, int at_once, const std::function<void(int6
   std::vector<std::jthread> others;
   for (int64_t thread = 1; thread < std::min<int64_t>(at_once, count); ++thread) others.emplace_back(work);
   work();
+}
+
+double LargestBatch_bytes(double bytes_each) {
+  return std::max(bytes_each, std::min(kBatch_bytes, kMostAtOnce * bytes_each));
+}
+
+int ItemsAtOnce(double bytes_each) {
+  const int most = std::min(ThreadCount(), kMostAtOnce);
+  return bytes_each * most <= kBatch_bytes ? most : std::max(1, static_cast<int>(kBatch_bytes / bytes_each));
 }
 
 int ThreadCount() {

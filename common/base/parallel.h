@@ -32,6 +32,12 @@ void ConcurrentForEach(int64_t count, int at_once, const std::function<void(int6
 // The number of threads that ParallelFor may use now; at least 1.
 int ThreadCount();
 
+// For loops over large items, such as images: how many to hold in memory at once. One a thread, but as many as fit in
+// LargestBatch_bytes; at least 1.
+int ItemsAtOnce(double bytes_each);
+// The most memory of so many items, for any number of threads.
+double LargestBatch_bytes(double bytes_each);
+
 // Limits the threads of ParallelFor in the whole process for the lifetime of the object; 0: one per core.
 class ThreadLimit {
  public:

@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "common/base/parallel.h"
 #include "common/job/change_cells.h"
 #include "common/job/sample_cell.h"
 
@@ -41,13 +42,13 @@ constexpr double kMeasureBytesPerFace = 400, kVisibleBytesPerFace = 250;
 constexpr double kSolveBytesPerFace = 850, kMendBytesPerFace = 800;
 // Windows begin at multiples of 64 pixels and have padded rows.
 constexpr double kWindowShare = 1.15;
-// Crop, one image at a time. Bytes per pixel of the whole file: photograph (RGB and compressed); .npy array, per class;
-// .png labels. TIFFs are not held whole. kCropBytes: per pixel and plane of the crop (floats before and after
-// undistortion, and as stored).
+// Crop; several images at a time (LargestBatch_bytes). Bytes per pixel of the whole file: photograph (RGB and
+// compressed); .npy array, per class; .png labels. TIFFs are not held whole. kCropBytes: per pixel and plane of the
+// crop (floats before and after undistortion, and as stored).
 constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
 constexpr double kTaskSeconds = 0.01;      // per task: transfer of its files
 constexpr double kFaceSeconds = 4e-6;      // per face, before the first step
-constexpr double kStateSeconds = 0.15e-6;  // per face whose state or sums a step's task reads
+constexpr double kStateSeconds = 0.05e-6;  // per face whose state or sums a step's task reads
 constexpr double kWarpSeconds = 16e-9;     // per reference pixel, partner and evaluation
 constexpr double kDrawSeconds = 10.5e-9;   // per rendered face, view and iteration, at any level
 constexpr double kMapSeconds = 20e-9;      // per crop pixel and evaluation
@@ -194,6 +195,12 @@ double PixelBytes(const TileWork& work, const RefineEffort& effort, const PixelC
   const double packed_planes = 4.0 * ((work.likelihood_planes + 3) / 4);
   return effort.finest_share * kWindowShare *
          (costs.all * work.pixels + (costs.open + packed_planes) * work.open_pixels);
+}
+
+// Memory of the views of a label step.
+double LabelPixelBytes(const TileWork& work, const RefineEffort& effort) {
+  if (effort.labellings == 0) return 0;
+  return LargestBatch_bytes((kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop);
 }
 
 bool IsOnlyTile(const TileWork& work) { return work.visible_faces < work.core_faces + 1; }
@@ -344,8 +351,8 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
 
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   Prediction prediction;
-  prediction.peak_bytes =
-      Bytes(kFixedBytes + kRefineBytesPerFace * work.core_faces + PixelBytes(work, effort, kRefinePixels));
+  prediction.peak_bytes = Bytes(kFixedBytes + kRefineBytesPerFace * work.core_faces +
+                                std::max(PixelBytes(work, effort, kRefinePixels), LabelPixelBytes(work, effort)));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.core_faces + MeasureSeconds(work, effort) +
                             SolveSeconds(work.core_faces, effort) + kMendSeconds * work.core_faces * effort.mends;
   prediction.stored_bytes = Bytes(kStoredState * work.core_faces);
@@ -354,10 +361,8 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
 
 Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
   const double tasks = effort.iterations + effort.labellings;
-  // Label steps load one view at a time.
-  const double pixel_bytes = effort.iterations > 0
-                                 ? PixelBytes(work, effort, kMeasurePixels)
-                                 : (kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop;
+  const double pixel_bytes =
+      std::max(effort.iterations > 0 ? PixelBytes(work, effort, kMeasurePixels) : 0, LabelPixelBytes(work, effort));
   return {tasks * (kTaskSeconds + kStateSeconds * work.visible_faces) + MeasureSeconds(work, effort),
           Bytes(kFixedBytes + kMeasureBytesPerFace * work.core_faces + kVisibleBytesPerFace * work.visible_faces +
                 pixel_bytes),
@@ -384,8 +389,8 @@ Prediction PredictCrop(const TileWork& work) {
   const double stored_pixels =
       IsOnlyTile(work) ? kStoredCropShare * work.pixels : std::min(kStoredRimShare * work.pixels, work.image_pixels);
   return {kTaskSeconds + kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels,
-          Bytes(kFixedBytes + kLoadBytesPerFace * work.visible_faces + kCropBytes * (1 + planes) * work.largest_crop +
-                work.largest_decoded),
+          Bytes(kFixedBytes + kLoadBytesPerFace * work.visible_faces +
+                LargestBatch_bytes(kCropBytes * (1 + planes) * work.largest_crop + work.largest_decoded)),
           Bytes((kStoredPixel + kStoredPlanePixel * planes) * stored_pixels)};
 }
 

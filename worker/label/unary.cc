@@ -33,7 +33,7 @@ std::vector<Sample> SamplesAlong(int first, int count, double scale, double offs
 // `value`: of an element of a plane.
 template <class T, class Value>
 void AddSampled(const FaceMap& map, const T* planes, int width, int height, const PixelMapping& mapping,
-                const std::vector<uint8_t>& own, const Value& value, FaceLikelihoods* sums) {
+                const std::vector<uint8_t>& own, const FaceShare& share, const Value& value, FaceLikelihoods* sums) {
   const int classes = sums->classes;
   const std::vector<Sample> columns =
       SamplesAlong(map.x0, map.width, mapping.scale_x, mapping.offset_x, mapping.first_x, width);
@@ -44,7 +44,7 @@ void AddSampled(const FaceMap& map, const T* planes, int width, int height, cons
     const Sample& row = rows[y];
     for (int x = 0; x < map.width; ++x) {
       const int32_t face = map.face[static_cast<size_t>(y) * map.width + x];
-      if (face < 0 || (!own.empty() && !own[face])) continue;
+      if (face < 0 || !share.has(face) || (!own.empty() && !own[face])) continue;
       const Sample& column = columns[x];
       sums->pixels[face] += 1;
       float* sum = &sums->sum[static_cast<size_t>(face) * classes];
@@ -65,15 +65,15 @@ void AddSampled(const FaceMap& map, const T* planes, int width, int height, cons
 void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
                     FaceLikelihoods* sums) {
   const auto value = [](float v) { return v; };
-  AddSampled(map, likelihoods.plane(0), likelihoods.width, likelihoods.height, mapping, {}, value, sums);
+  AddSampled(map, likelihoods.plane(0), likelihoods.width, likelihoods.height, mapping, {}, {}, value, sums);
 }
 
 void AddLikelihoods(const FaceMap& map, const LikelihoodSteps& likelihoods, const PixelMapping& mapping,
-                    const std::vector<uint8_t>& own, FaceLikelihoods* sums) {
+                    const std::vector<uint8_t>& own, FaceLikelihoods* sums, const FaceShare& share) {
   std::array<float, 256> values;
   for (size_t step = 0; step < values.size(); ++step) values[step] = static_cast<float>(step) / likelihoods.per_unit;
   const auto value = [&](uint8_t step) { return values[step]; };
-  AddSampled(map, likelihoods.steps.data(), likelihoods.width, likelihoods.height, mapping, own, value, sums);
+  AddSampled(map, likelihoods.steps.data(), likelihoods.width, likelihoods.height, mapping, own, share, value, sums);
 }
 
 }  // namespace tessera

@@ -32,8 +32,18 @@ struct LikelihoodSteps {
 // `likelihoods`: one plane per class, sampled bilinearly, border values repeated. Not thread-safe on the same `sums`.
 void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
                     FaceLikelihoods* sums);
-// The same, equal bit for bit to that of the likelihoods as floats, for the faces with a flag in `own` (empty: all).
+// One of several disjoint sets of faces, for loops that add the sets on several threads.
+struct FaceShare {
+  int index = 0, count = 1;
+  bool has(int32_t face) const { return (face >> kBlockBits) % count == index; }
+
+ private:
+  static constexpr int kBlockBits = 10;  // neighbours share cache lines
+};
+
+// The same, equal bit for bit to that of the likelihoods as floats, for the faces of `share` with a flag in `own`
+// (empty: all).
 void AddLikelihoods(const FaceMap& map, const LikelihoodSteps& likelihoods, const PixelMapping& mapping,
-                    const std::vector<uint8_t>& own, FaceLikelihoods* sums);
+                    const std::vector<uint8_t>& own, FaceLikelihoods* sums, const FaceShare& share = {});
 
 }  // namespace tessera

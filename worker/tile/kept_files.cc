@@ -33,6 +33,9 @@ StatusOr<struct stat> StatOf(const std::string& path) {
   return file;
 }
 
+int TileOf(const MappedState& state) { return state.spans().tile; }
+int TileOf(const TileSums& sums) { return sums.tile; }
+
 template <class T>
 class KeptFiles {
  public:
@@ -52,6 +55,8 @@ class KeptFiles {
     TESSERA_ASSIGN_OR_RETURN(T content, read(path));
     auto shared = std::make_shared<const T>(std::move(content));
     const std::lock_guard lock(mutex_);
+    const int tile = TileOf(*shared);
+    kept_.remove_if([&](const Kept& kept) { return TileOf(*kept.content) == tile; });
     kept_.push_front({key, file.st_size, shared});
     int64_t bytes = 0;
     for (auto it = kept_.begin(); it != kept_.end();) {

@@ -14,8 +14,8 @@ namespace tessera {
 // does not exist.
 StatusOr<std::string> ContentKey(const std::string& path);
 
-// The state or the sums at `path`, read now or by an earlier task. The most recently used are kept: of either, files of
-// a 64th of the memory, at most 256 MiB. Errors as MappedState::Open and ReadTileSums.
+// The state or the sums at `path`, read now or by an earlier task. Of each tile the last that was read is kept, within
+// a 64th of the memory and 256 MiB for states, and as much for sums. Errors as MappedState::Open and ReadTileSums.
 StatusOr<std::shared_ptr<const MappedState>> OpenState(const std::string& path);
 StatusOr<std::shared_ptr<const TileSums>> OpenSums(const std::string& path);
 

@@ -1,12 +1,19 @@
 #include "worker/tile/measure_tile.h"
 
+#include <algorithm>
+#include <span>
+
 #include "common/base/elapsed.h"
+#include "common/base/parallel.h"
 #include "worker/city/pick.h"
 #include "worker/visibility/rasterizer.h"
 #include "worker/visibility/visible_cells.h"
 
 namespace tessera {
 namespace {
+
+constexpr double kMapBytes = 10;  // per pixel: face map, luminance
+constexpr int kMostShares = 8;    // each reads all face maps
 
 // Sets FaceMap::face to -1 where the photograph has no luminance.
 void KeepLit(const StoredTexels& level, FaceMap* map) {
@@ -20,7 +27,8 @@ void KeepLit(const StoredTexels& level, FaceMap* map) {
   }
 }
 
-// Draws each view once and adds its likelihoods to the faces that it shows.
+// Draws each view once, several at a time, and adds its likelihoods to the faces that it shows: for each face in the
+// order of the views.
 StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileImages& images,
                                          const std::vector<Eigen::Vector3d>& positions, const TaskControl& control) {
   const TilePackage& package = work.package();
@@ -29,29 +37,54 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
   const TriangleMesh mesh = {positions, package.mesh.faces, {}};
   const CellBoxes boxes(mesh, &package.cells);
   FaceLikelihoods sums(mesh.faces.size(), static_cast<int>(package.classes.size()));
-  Rasterizer rasterizer;
-  std::vector<FaceMap> maps;
   VisibleCellsProblem problem;
   problem.boxes = boxes.boxes();
   for (const RefineView& view : views) problem.views.push_back(view.window());
   problem.own = OwnCellsOfViews(package.cells, work.measured(), groups.selected, views.size());
   const VisibleCells visible = FindVisibleCells(problem);
   const std::vector<uint8_t> own = work.whole() ? std::vector<uint8_t>() : work.measured();
+  std::vector<size_t> seen;
+  double largest = 0;  // pixels of a window
   for (size_t v = 0; v < views.size(); ++v) {
-    if (visible.windows[v].empty()) continue;
+    const PixelRect& window = visible.windows[v];
+    if (window.empty() || !views[v].pixels->has_likelihoods()) continue;
+    seen.push_back(v);
+    largest = std::max(largest, static_cast<double>(window.width()) * window.height());
+  }
+  const auto at_once = static_cast<size_t>(ItemsAtOnce((kMapBytes + sums.classes) * largest));
+  Rasterizer rasterizer;
+  std::vector<FaceMap> maps;
+  for (size_t first = 0; first < seen.size(); first += at_once) {
     TESSERA_RETURN_IF_ERROR(control.Check());
-    control.Report(static_cast<double>(v) / static_cast<double>(views.size()), "collecting likelihoods");
-    if (!views[v].pixels->has_likelihoods()) continue;
-    TESSERA_ASSIGN_OR_RETURN(const StoredTexels level, views[v].pixels->Level(0));
-    const CameraWindow window(views[v].camera, visible.windows[v]);
-    const MeshPart part = boxes.PartOf(visible.cells[v]);
-    rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
-    MarkNotSelected(groups, v, &maps[0]);
-    if (package.views[views[v].index].masked) KeepLit(level, &maps[0]);
-    AddLikelihoods(maps[0],
-                   {level.likelihood_width, level.likelihood_height, level.likelihoods, Texels::kLikelihoodSteps},
-                   level.mapping, own, &sums);
-    if (level.release) level.release();
+    control.Report(static_cast<double>(first) / static_cast<double>(seen.size()), "collecting likelihoods");
+    const std::span<const size_t> batch = std::span(seen).subspan(first, std::min(at_once, seen.size() - first));
+    std::vector<MeshPart> parts;
+    std::vector<CameraWindow> windows;
+    for (const size_t v : batch) {
+      parts.push_back(boxes.PartOf(visible.cells[v]));
+      windows.emplace_back(views[v].camera, visible.windows[v]);
+    }
+    rasterizer.DrawParts(mesh, parts, windows, &maps);
+    std::vector<StatusOr<StoredTexels>> levels(batch.size());
+    ParallelForEach(batch.size(), 1, [&](size_t i) {
+      const size_t v = batch[i];
+      levels[i] = views[v].pixels->Level(0);
+      MarkNotSelected(groups, v, &maps[i]);
+      if (levels[i].ok() && package.views[views[v].index].masked) KeepLit(*levels[i], &maps[i]);
+    });
+    for (const auto& level : levels) TESSERA_RETURN_IF_ERROR(level.status());
+    const int shares = std::min(ThreadCount(), kMostShares);
+    ParallelForEach(shares, 1, [&](int share) {
+      for (size_t i = 0; i < batch.size(); ++i) {
+        const StoredTexels& level = *levels[i];
+        AddLikelihoods(maps[i],
+                       {level.likelihood_width, level.likelihood_height, level.likelihoods, Texels::kLikelihoodSteps},
+                       level.mapping, own, &sums, {share, shares});
+      }
+    });
+    for (const auto& level : levels) {
+      if (level->release) level->release();
+    }
   }
   return sums;
 }

@@ -16,6 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/arrays/mapped_arrays.h"
+#include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
 #include "common/scene/photographs.h"
 #include "common/storage/files.h"
@@ -63,6 +64,40 @@ StatusOr<std::vector<uint8_t>> CropLikelihoods(const std::string& path, const Sc
   steps.reserve(part.pixels.data.size());
   for (const float value : part.pixels.data) steps.push_back(LikelihoodStep(value));
   return steps;
+}
+
+// Level 0.
+struct LoadedCrop {
+  TexelShape shape;
+  std::vector<uint16_t> luminance;
+  std::vector<uint8_t> likelihoods;
+};
+
+StatusOr<LoadedCrop> ReadCrop(const TilePackage& package, const std::string& folder, int view_index) {
+  const SceneView& view = package.views[view_index];
+  LoadedCrop crop;
+  crop.shape.rect = package.view_rects[view_index];
+  {
+    TESSERA_ASSIGN_OR_RETURN(
+        const FloatImage image,
+        ReadLuminancePart(folder + "/" + view.image_path, view.lens, PartOf(crop.shape.rect), OptionsOf(folder, view)));
+    crop.luminance.reserve(image.data.size());
+    for (const float value : image.data) crop.luminance.push_back(LuminanceCode(value));
+  }
+  if (package.has_likelihoods && !view.likelihood_path.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(crop.likelihoods, CropLikelihoods(folder + "/" + view.likelihood_path, view,
+                                                               static_cast<int>(package.classes.size()), &crop.shape));
+  }
+  return crop;
+}
+
+// At most, as PredictCrop (server/tiling) assumes: floats of the crop's planes, before and after undistortion, and the
+// decoded file.
+double BytesToRead(const TilePackage& package, int view) {
+  const PixelRect& rect = package.view_rects[view];
+  const PinholeCamera& whole = package.views[view].camera.intrinsics;
+  const double planes = package.has_likelihoods ? static_cast<double>(package.classes.size()) : 0;
+  return 8 * (1 + planes) * rect.width() * rect.height() + 4 * (1 + planes) * whole.width * whole.height;
 }
 
 json ToJson(const Crop& crop) {
@@ -237,27 +272,23 @@ class FilePixels : public ViewPixels {
 Status CropTileViews(const TilePackage& package, const std::string& folder, const std::string& path,
                      const TaskControl& control) {
   TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path));
-  for (size_t v = 0; v < package.views.size(); ++v) {
+  std::vector<int> shown;
+  double largest_bytes = 0;
+  for (int v = 0; v < static_cast<int>(package.views.size()); ++v) {
+    if (package.view_rects[v].empty()) continue;
+    shown.push_back(v);
+    largest_bytes = std::max(largest_bytes, BytesToRead(package, v));
+  }
+  const auto at_once = static_cast<size_t>(ItemsAtOnce(largest_bytes));
+  for (size_t first = 0; first < shown.size(); first += at_once) {
     TESSERA_RETURN_IF_ERROR(control.Check());
-    control.Report(0.9 * static_cast<double>(v) / static_cast<double>(package.views.size()), "reading images");
-    const SceneView& view = package.views[v];
-    TexelShape shape;
-    shape.rect = package.view_rects[v];
-    if (shape.rect.empty()) continue;
-    std::vector<uint16_t> luminance;
-    {
-      TESSERA_ASSIGN_OR_RETURN(const FloatImage image,
-                               ReadLuminancePart(folder + "/" + view.image_path, view.lens, PartOf(shape.rect),
-                                                 OptionsOf(folder, view)));
-      luminance.reserve(image.data.size());
-      for (const float value : image.data) luminance.push_back(LuminanceCode(value));
+    control.Report(0.9 * static_cast<double>(first) / static_cast<double>(shown.size()), "reading images");
+    std::vector<StatusOr<LoadedCrop>> crops(std::min(at_once, shown.size() - first));
+    ParallelForEach(crops.size(), 1, [&](size_t i) { crops[i] = ReadCrop(package, folder, shown[first + i]); });
+    for (size_t i = 0; i < crops.size(); ++i) {
+      TESSERA_ASSIGN_OR_RETURN(LoadedCrop crop, std::move(crops[i]));
+      writer.Add(shown[first + i], crop.shape, std::move(crop.luminance), std::move(crop.likelihoods));
     }
-    std::vector<uint8_t> likelihoods;
-    if (package.has_likelihoods && !view.likelihood_path.empty()) {
-      TESSERA_ASSIGN_OR_RETURN(likelihoods, CropLikelihoods(folder + "/" + view.likelihood_path, view,
-                                                            static_cast<int>(package.classes.size()), &shape));
-    }
-    writer.Add(static_cast<int>(v), shape, std::move(luminance), std::move(likelihoods));
   }
   control.Report(0.9, "writing crops");
   return writer.Finish(package.tile);

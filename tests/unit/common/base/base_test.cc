@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 
@@ -35,6 +36,20 @@ TEST(ParallelForTest, VisitsEachIndexOnce) {
   });
   for (const auto& count : visits) EXPECT_EQ(count, 1);
   ParallelFor(0, 10, [](int64_t, int64_t) { FAIL(); });
+}
+
+TEST(ItemsAtOnceTest, AreOneAThreadWithinTheBatchsMemory) {
+  for (const int threads : {1, 2, 8, 100}) {
+    const ThreadLimit limit(threads);
+    for (const double bytes : {1.0, 1e6, 3e7, 1e8, 1e9}) {
+      const int items = ItemsAtOnce(bytes);
+      EXPECT_GE(items, 1);
+      EXPECT_LE(items, threads);
+      EXPECT_LE(items * bytes, LargestBatch_bytes(bytes));
+    }
+    EXPECT_EQ(ItemsAtOnce(1e9), 1);
+    EXPECT_EQ(ItemsAtOnce(1), std::min(ThreadCount(), 16));
+  }
 }
 
 TEST(ParallelSumTest, DoesNotDependOnThreads) {

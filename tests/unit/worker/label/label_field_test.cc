@@ -259,5 +259,22 @@ TEST(Unary, StepsGiveTheBitsOfFloatsForOwnFaces) {
   EXPECT_EQ(own.pixels, (std::vector<float>{0, 3}));
 }
 
+TEST(Unary, SharesHaveEveryFaceOnce) {
+  FaceMap map;
+  map.width = 400;
+  map.height = 10;
+  for (int32_t f = 0; f < 4000; ++f) map.face.push_back(f % 7 == 0 ? -1 : f / 2 * 2);
+  const std::vector<uint8_t> steps = {17, 201, 238, 54};
+  FaceLikelihoods all(4000, 2), shared(4000, 2);
+  AddLikelihoods(map, {2, 1, steps}, {0.005, 0.1, 0, 0}, {}, &all);
+  for (int share = 2; share >= 0; --share) {
+    const std::vector<float> before = shared.pixels;
+    AddLikelihoods(map, {2, 1, steps}, {0.005, 0.1, 0, 0}, {}, &shared, {share, 3});
+    EXPECT_NE(shared.pixels, before) << "no share is empty";
+  }
+  EXPECT_EQ(shared.pixels, all.pixels);
+  EXPECT_EQ(shared.sum, all.sum);
+}
+
 }  // namespace
 }  // namespace tessera
