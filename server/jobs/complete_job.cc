@@ -106,7 +106,7 @@ StatusOr<NewJob> CompleteByKind(DispatchCore& core, Recovery& recovery, NewJob j
   std::vector<std::string> names;
   for (const NamedDigest& file : job.scene_files) names.push_back(file.name);
   std::sort(names.begin(), names.end());
-  TESSERA_RETURN_IF_ERROR(core.environment().planner->Ingest(job.settings, names).status());
+  TESSERA_RETURN_IF_ERROR(core.environment().planner->Ingest(job.settings, names, {}).status());
   return job;
 }
 

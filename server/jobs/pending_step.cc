@@ -92,8 +92,12 @@ std::optional<PendingStep> NextStep(const Ledger& ledger) {
 StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environment, const PendingStep& step) {
   Planner& planner = *environment.planner;
   std::vector<std::string> names;
-  for (const NamedDigest& file : step.scene_files) names.push_back(file.name);
-  if (step.kind == PendingStep::Kind::kPlanIngest) return planner.Ingest(step.settings, names);
+  std::vector<int64_t> size_bytes;
+  for (const NamedDigest& file : step.scene_files) {
+    names.push_back(file.name);
+    size_bytes.push_back(file.digest.size_bytes);
+  }
+  if (step.kind == PendingStep::Kind::kPlanIngest) return planner.Ingest(step.settings, names, size_bytes);
   std::optional<UpdateBase> base;
   if (step.base) {
     TESSERA_RETURN_IF_ERROR(step.base->status());

@@ -14,8 +14,9 @@ class Planner {
  public:
   virtual ~Planner() = default;
   virtual StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings,
-                                                    const std::vector<std::string>& scene_files) {
-    return PlanIngest(settings, scene_files);
+                                                    const std::vector<std::string>& scene_files,
+                                                    const std::vector<int64_t>& size_bytes) {
+    return PlanIngest(settings, scene_files, size_bytes);
   }
   virtual StatusOr<std::vector<PlannedTask>> Update(const JobSettings& settings,
                                                     const std::vector<NamedDigest>& scene_files,

@@ -172,7 +172,7 @@ std::optional<KnownSurvey> Jobs::FindSurvey(const NewJob& job) const {
   std::sort(files.begin(), files.end(), [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
   std::vector<std::string> names;
   for (const NamedDigest& file : files) names.push_back(file.name);
-  const auto planned = environment_.planner->Ingest(job.settings, names);
+  const auto planned = environment_.planner->Ingest(job.settings, names, {});
   if (!planned.ok()) return std::nullopt;
   const std::string& parameters = planned->back().parameters;  // of the task that makes the survey
   std::lock_guard lock(mutex_);

@@ -19,7 +19,9 @@ namespace tessera {
 // relative, sorted; `survey`: content of kSurveyFile. Deterministic; thread-safe.
 
 // Phase 1: tasks that inspect the images, if there are many, and the task that makes the survey.
-StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
+// `size_bytes`: of the files, for the predicted times; none: 1 MB each.
+StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files,
+                                              const std::vector<int64_t>& size_bytes = {});
 
 // Phase 1 of an update: a given task with the outputs of its base, tasks that inspect the new images, if there are
 // many, and the task that updates the survey. `scene_files`: sorted by name. A rollback and an export have no further

@@ -16,12 +16,14 @@
 namespace tessera {
 namespace {
 
-// Predicted time of ingest per scene file; the cost model needs a survey, which does not exist yet.
-constexpr double kIngestSecondsPerFile = 0.1;
+// Core-seconds, fitted with tests/bench/cost_bench: of an inspection per pixel file and per MB of them; of ingest, per
+// MB of the mesh, and per MB of the pixel files that it compares.
+constexpr double kInspectSecondsPerFile = 0.0045, kInspectSecondsPerMb = 0.065;
+constexpr double kIngestSeconds = 0.2, kIngestSecondsPerMeshMb = 0.66, kIngestSecondsPerPixelMb = 0.03;
 // Files that an inspect task has at most, if no view has more. The tasks do not depend on the number of workers, so
 // that their results are found again.
 constexpr size_t kInspectedFiles = 16;
-constexpr size_t kFilesOfFit = 150;  // that ingest reads in any case, about
+constexpr double kFilesOfFit = 150;  // that ingest reads in any case, about
 
 // The files of the camera model that poses are read from, and scene.json.
 bool IsOfCameras(const std::string& name) {
@@ -46,13 +48,11 @@ void AddInspections(const JobSettings& settings, const std::vector<std::string>&
                     IngestParameters* parameters) {
   std::map<std::string, std::vector<int>> views;
   std::vector<int> common;
-  size_t pixel_files = 0;
   for (const int file : files) {
     const std::string& name = scene_files[file];
     if (!LiesInScene(name)) continue;
     if (IsPixelFile(name)) {
       views[PixelStem(name)].push_back(file);
-      ++pixel_files;
     } else if (IsOfCameras(name)) {
       common.push_back(file);
     }
@@ -62,16 +62,12 @@ void AddInspections(const JobSettings& settings, const std::vector<std::string>&
     if (parts.empty() || parts.back().size() + of_view.size() > kInspectedFiles) parts.emplace_back();
     parts.back().insert(parts.back().end(), of_view.begin(), of_view.end());
   }
-  const auto seconds = [](size_t count) { return kIngestSecondsPerFile * static_cast<double>(count); };
-  task->cost = seconds(files.size());
   if (parts.size() < 2) return;
-  task->cost = seconds(files.size() - pixel_files + std::min(pixel_files, kFilesOfFit));
   for (std::vector<int>& part : parts) {
     PlannedTask inspect;
     inspect.kind = kInspectKind;
     inspect.name = absl::StrCat(kInspectKind, " part ", parameters->inspections);
     inspect.parameters = ToJson(InspectParameters{Classifies(settings)});
-    inspect.cost = seconds(part.size());
     part.insert(part.end(), common.begin(), common.end());
     std::sort(part.begin(), part.end());
     inspect.scene_files.Edit() = std::move(part);
@@ -81,10 +77,39 @@ void AddInspections(const JobSettings& settings, const std::vector<std::string>&
   }
 }
 
+bool IsMeshFile(const std::string& name) {
+  const auto ends = [&](const char* extension) { return absl::EndsWithIgnoreCase(name, extension); };
+  return ends(".ply") || ends(".obj") || ends(".glb") || ends(".gltf");
+}
+
+// Sets the predicted times of inspections, ingest and update from the files that they read: the cost model needs a
+// survey, which does not exist yet.
+void PredictSurveyTasks(const std::vector<std::string>& scene_files, const std::vector<int64_t>& size_bytes,
+                        std::vector<PlannedTask>* tasks) {
+  const bool inspected =
+      std::any_of(tasks->begin(), tasks->end(), [](const PlannedTask& task) { return task.kind == kInspectKind; });
+  for (PlannedTask& task : *tasks) {
+    const bool inspects = task.kind == kInspectKind;
+    if (!inspects && task.kind != kIngestKind && task.kind != kUpdateKind) continue;
+    double pixel_files = 0, pixel_mb = 0, mesh_mb = 0;
+    for (const int file : *task.scene_files) {
+      const std::string& name = scene_files[file];
+      const double mb = size_bytes.empty() ? 1 : 1e-6 * static_cast<double>(size_bytes[file]);
+      if (IsPixelFile(name)) pixel_mb += mb, ++pixel_files;
+      if (IsMeshFile(name)) mesh_mb += mb;
+    }
+    task.cost = 0;
+    if (inspects || !inspected) task.cost += kInspectSecondsPerFile * pixel_files + kInspectSecondsPerMb * pixel_mb;
+    if (inspects) continue;
+    const double compared = pixel_files > kFilesOfFit ? kFilesOfFit / pixel_files : 1;
+    task.cost += kIngestSeconds + kIngestSecondsPerMeshMb * mesh_mb + kIngestSecondsPerPixelMb * compared * pixel_mb;
+  }
+}
+
 }  // namespace
 
-StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings,
-                                              const std::vector<std::string>& scene_files) {
+StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files,
+                                              const std::vector<int64_t>& size_bytes) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   if (scene_files.empty()) return absl::InvalidArgumentError("the scene has no files");
   PlannedTask task;
@@ -97,6 +122,7 @@ StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings,
   AddInspections(settings, scene_files, files, &tasks, &task, &parameters);
   task.parameters = ToJson(parameters);
   tasks.push_back(std::move(task));
+  PredictSurveyTasks(scene_files, size_bytes, &tasks);
   return tasks;
 }
 
@@ -158,9 +184,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
       files.known[scene_files[i].name] = known->second;
     } else {
       update.scene_files.Edit().push_back(static_cast<int>(i));
-      for (const char* const extension : {".ply", ".obj", ".glb", ".gltf"}) {
-        other_mesh |= absl::EndsWithIgnoreCase(scene_files[i].name, extension);
-      }
+      other_mesh |= IsMeshFile(scene_files[i].name);
     }
   }
   if (other_mesh) {  // the update compares it with the base's mesh
@@ -173,12 +197,17 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   taken.given_contents.Edit().emplace_back(kFilesFile, ToJson(files));
   update.inputs = {{TaskId(0), kBaseSurveyFile}, {TaskId(0), kCityFile}, {TaskId(0), kFilesFile}};
   std::vector<std::string> names;
-  for (const NamedDigest& file : scene_files) names.push_back(file.name);
+  std::vector<int64_t> size_bytes;
+  for (const NamedDigest& file : scene_files) {
+    names.push_back(file.name);
+    size_bytes.push_back(file.digest.size_bytes);
+  }
   std::vector<PlannedTask> tasks = {std::move(taken)};
   UpdateParameters parameters = {IngestParametersOf(settings), settings.update.withdraw, settings.update.all_epochs};
   AddInspections(settings, names, *update.scene_files, &tasks, &update, &parameters.ingest);
   update.parameters = ToJson(parameters);
   tasks.push_back(std::move(update));
+  PredictSurveyTasks(names, size_bytes, &tasks);
   return tasks;
 }
 

@@ -47,9 +47,9 @@ class BarePlanner : public Planner {
                                            const UpdateBase*, const std::vector<FailedTile>&) override {
     return Bare(PlanSteps(settings, survey, files, reads));
   }
-  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings,
-                                            const std::vector<std::string>& files) override {
-    return Bare(PlanIngest(settings, files));
+  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings, const std::vector<std::string>& files,
+                                            const std::vector<int64_t>& size_bytes) override {
+    return Bare(PlanIngest(settings, files, size_bytes));
   }
 
  private:

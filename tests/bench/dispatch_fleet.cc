@@ -56,7 +56,8 @@ double ResidentBytes() {
 class ChainPlanner : public Planner {
  public:
   explicit ChainPlanner(const FleetArguments& arguments) : arguments_(arguments) {}
-  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings&, const std::vector<std::string>&) override {
+  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings&, const std::vector<std::string>&,
+                                            const std::vector<int64_t>&) override {
     return std::vector<PlannedTask>{{kIngestKind, "ingest", -1, "{}", 1, {}}};
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings&, const std::string&, const std::vector<std::string>&,

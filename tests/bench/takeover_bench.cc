@@ -37,7 +37,8 @@ double Seconds() { return std::chrono::duration<double>(std::chrono::steady_cloc
 class FlatPlanner : public Planner {
  public:
   explicit FlatPlanner(int count) : count_(count) {}
-  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings&, const std::vector<std::string>&) override {
+  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings&, const std::vector<std::string>&,
+                                            const std::vector<int64_t>&) override {
     return std::vector<PlannedTask>{{kIngestKind, "ingest", -1, "{}", 1, {}}};
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings&, const std::string&, const std::vector<std::string>&,

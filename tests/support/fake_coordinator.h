@@ -69,8 +69,8 @@ class FakePlanner : public Planner {
  public:
   bool exchange = false;
 
-  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings,
-                                            const std::vector<std::string>& scene_files) override {
+  StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files,
+                                            const std::vector<int64_t>&) override {
     if (settings.method != "tessera") return absl::InvalidArgumentError("no method " + settings.method);
     PlannedTask task{"ingest", "read the scene", -1, "{}", 1, {}};
     for (size_t i = 0; i < scene_files.size(); ++i) task.scene_files.Edit().push_back(static_cast<int>(i));

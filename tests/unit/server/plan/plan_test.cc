@@ -391,6 +391,31 @@ TEST(Plan, IngestReadsTheWholeSceneAndNothingElse) {
   EXPECT_EQ(a->back().parameters, b->back().parameters) << "ingest does not depend on the tiling";
 }
 
+TEST(Plan, TimesBeforeTheSurveyFollowTheSizesOfFiles) {
+  std::vector<std::string> files = {"mesh.ply", "scene.json"};
+  for (int i = 0; i < 40; ++i) files.push_back("images/" + std::to_string(100 + i) + ".jpg");
+  std::sort(files.begin(), files.end());
+  const auto costs = [&](int64_t mesh_bytes, int64_t image_bytes) {
+    std::vector<int64_t> bytes;
+    for (const std::string& file : files) {
+      bytes.push_back(file == "mesh.ply" ? mesh_bytes : file == "scene.json" ? 1000 : image_bytes);
+    }
+    const auto tasks = PlanIngest({}, files, bytes);
+    EXPECT_TRUE(tasks.ok() && tasks->size() > 2);
+    return std::pair(tasks->front().cost, tasks->back().cost);  // an inspection, ingest
+  };
+  const auto [inspect, ingest] = costs(5'000'000, 300'000);
+  const auto [same, of_large_mesh] = costs(50'000'000, 300'000);
+  const auto [of_large_images, more] = costs(5'000'000, 30'000'000);
+  EXPECT_EQ(same, inspect) << "an inspection reads no mesh";
+  EXPECT_GT(of_large_mesh, 5 * ingest);
+  EXPECT_GT(of_large_images, 50 * inspect);
+  EXPECT_GT(more, ingest);
+  const auto alone = PlanIngest({}, {"images/a.jpg", "mesh.ply", "scene.json"}, {30'000'000, 5'000'000, 1000});
+  ASSERT_TRUE(alone.ok());
+  EXPECT_GT(alone->back().cost, of_large_images / 16) << "it inspects the image itself";
+}
+
 // The files of a view are inspected together. The parts do not depend on the settings, so that they are reused.
 TEST(Plan, ManyImagesAreInspectedInParts) {
   std::vector<std::string> files = {"cameras/images.bin", "cameras/points3D.bin", "mesh.ply", "scene.json"};

@@ -268,10 +268,10 @@ TEST_F(DeleteJobTest, DeletionEndsRecomputation) {
 TEST_F(DeleteJobTest, UpdateOfAJobDeletedMeanwhileIsRefused) {
   struct DeletingPlanner : BasePlanner {
     std::function<void()> meanwhile;
-    StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings,
-                                              const std::vector<std::string>& files) override {
+    StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings, const std::vector<std::string>& files,
+                                              const std::vector<int64_t>& size_bytes) override {
       if (!settings.update.base.empty()) meanwhile();
-      return BasePlanner::Ingest(settings, files);
+      return BasePlanner::Ingest(settings, files, size_bytes);
     }
   } planner;
   planner.meanwhile = [&] { EXPECT_TRUE(Delete("jobs/1").ok()); };
