@@ -57,6 +57,13 @@ TcpProxy::~TcpProxy() {
   ::close(listener_);
 }
 
+void TcpProxy::Set(Mode mode) {
+  mode_ = mode;
+  for (const int64_t round = rounds_; rounds_ == round;) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
 void TcpProxy::Reset(const Connection& connection) {
   ResetSocket(connection.there.from);
   ResetSocket(connection.back.from);
@@ -65,6 +72,7 @@ void TcpProxy::Reset(const Connection& connection) {
 void TcpProxy::Run() {
   std::vector<pollfd> looked;
   while (!stop_) {
+    ++rounds_;
     const Mode mode = mode_;
     if (drop_.exchange(false) || mode == Mode::kCut) {
       for (const auto& connection : connections_) Reset(*connection);

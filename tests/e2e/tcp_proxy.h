@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <deque>
 #include <memory>
 #include <string>
@@ -27,7 +28,8 @@ class TcpProxy {
 
   // "127.0.0.1:PORT".
   const std::string& address() const { return address_; }
-  void Set(Mode mode) { mode_ = mode; }
+  // Holds for all data from the return on.
+  void Set(Mode mode);
   // Delays every byte in both directions.
   void SetDelay(double seconds) { delay_s_ = seconds; }
   // Resets the current connections once.
@@ -64,6 +66,7 @@ class TcpProxy {
   std::atomic<Mode> mode_ = Mode::kPass;
   std::atomic<double> delay_s_ = 0;
   std::atomic<bool> drop_ = false, stop_ = false;
+  std::atomic<int64_t> rounds_ = 0;  // of the thread; each has one mode
   std::atomic<int> accepted_ = 0, refused_ = 0;
   std::vector<std::unique_ptr<Connection>> connections_;  // of the thread
   std::thread thread_;
