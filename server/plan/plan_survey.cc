@@ -16,8 +16,8 @@
 namespace tessera {
 namespace {
 
-// Core-seconds, fitted with tests/bench/cost_bench: of an inspection per pixel file and per MB of them; of ingest, per
-// MB of the mesh, and per MB of the pixel files that it compares.
+// Core-seconds, fitted to what campus, block and helsinki used (tests/bench/scaling.md): of an inspection, per pixel
+// file and per MB of them; of ingest, per MB of the mesh, and per MB of the pixel files that it compares.
 constexpr double kInspectSecondsPerFile = 0.0045, kInspectSecondsPerMb = 0.065;
 constexpr double kIngestSeconds = 0.2, kIngestSecondsPerMeshMb = 0.66, kIngestSecondsPerPixelMb = 0.03;
 // Files that an inspect task has at most, if no view has more. The tasks do not depend on the number of workers, so
@@ -95,7 +95,10 @@ void PredictSurveyTasks(const std::vector<std::string>& scene_files, const std::
     for (const int file : *task.scene_files) {
       const std::string& name = scene_files[file];
       const double mb = size_bytes.empty() ? 1 : 1e-6 * static_cast<double>(size_bytes[file]);
-      if (IsPixelFile(name)) pixel_mb += mb, ++pixel_files;
+      if (IsPixelFile(name)) {
+        pixel_mb += mb;
+        ++pixel_files;
+      }
       if (IsMeshFile(name)) mesh_mb += mb;
     }
     task.cost = 0;

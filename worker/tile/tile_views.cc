@@ -91,8 +91,8 @@ StatusOr<LoadedCrop> ReadCrop(const TilePackage& package, const std::string& fol
   return crop;
 }
 
-// At most, as PredictCrop (server/tiling) assumes: floats of the crop's planes, before and after undistortion, and the
-// decoded file.
+// Bound on the memory of ReadCrop, not below that of PredictCrop (server/tiling): floats of the crop's planes before and
+// after undistortion, and the decoded files.
 double BytesToRead(const TilePackage& package, int view) {
   const PixelRect& rect = package.view_rects[view];
   const PinholeCamera& whole = package.views[view].camera.intrinsics;
