@@ -32,8 +32,8 @@ void ConcurrentForEach(int64_t count, int at_once, const std::function<void(int6
 // The number of threads that ParallelFor may use now; at least 1.
 int ThreadCount();
 
-// For loops over large items, such as images: how many to hold in memory at once. One per thread, at most 16, and no more
-// than fit in 256 MiB; at least one.
+// For loops over large items, such as images: how many to hold in memory at once. One per thread, at most 16, and no
+// more than fit in 256 MiB; at least one.
 int ItemsAtOnce(double bytes_each);
 // The most memory of so many items, for any number of threads.
 double LargestBatch_bytes(double bytes_each);
