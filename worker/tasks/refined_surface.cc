@@ -3,7 +3,7 @@
 #include "common/job/task_parameters.h"
 #include "worker/city/id_merge.h"
 #include "worker/tasks/task_functions.h"
-#include "worker/tile/kept_files.h"
+#include "worker/tile/kept/kept_files.h"
 
 namespace tessera {
 

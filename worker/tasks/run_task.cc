@@ -10,6 +10,7 @@
 #include "common/job/task_parameters.h"
 #include "worker/tasks/task.h"
 #include "worker/tasks/task_functions.h"
+#include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 namespace {
@@ -17,13 +18,25 @@ namespace {
 struct TaskFunction {
   std::string_view kind;
   StatusOr<TaskOutcome> (*run)(const TaskRequest&, const TaskControl&, const Clock&);
+  bool opens_workspace = false;  // with TileWorkspace::Open
 };
 
-constexpr TaskFunction kFunctions[] = {
-    {kInspectKind, RunInspect}, {kIngestKind, RunIngest},     {kUpdateKind, RunUpdate},   {kCutKind, RunCut},
-    {kCropKind, RunCrop},       {kRefineKind, RunRefine},     {kMeasureKind, RunMeasure}, {kSolveKind, RunSolve},
-    {kMendKind, RunRepair},     {kCompareKind, RunCompare},   {kChangesKind, RunChanges}, {kPublishKind, RunPublish},
-    {kStartKind, RunStart},     {kClassifyKind, RunClassify}, {kBordersKind, RunBorders}, {kExportKind, RunExport}};
+constexpr TaskFunction kFunctions[] = {{kInspectKind, RunInspect},
+                                       {kIngestKind, RunIngest},
+                                       {kUpdateKind, RunUpdate},
+                                       {kCutKind, RunCut},
+                                       {kCropKind, RunCrop},
+                                       {kRefineKind, RunRefine},
+                                       {kMeasureKind, RunMeasure, true},
+                                       {kSolveKind, RunSolve, true},
+                                       {kMendKind, RunRepair, true},
+                                       {kCompareKind, RunCompare},
+                                       {kChangesKind, RunChanges},
+                                       {kPublishKind, RunPublish},
+                                       {kStartKind, RunStart},
+                                       {kClassifyKind, RunClassify},
+                                       {kBordersKind, RunBorders},
+                                       {kExportKind, RunExport}};
 
 constexpr const TaskFunction* FindFunction(std::string_view kind) {
   return std::find_if(std::begin(kFunctions), std::end(kFunctions),
@@ -62,6 +75,7 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
   const TaskFunction* const function = FindFunction(request.kind);
   if (function == std::end(kFunctions)) return UnknownKind(request.kind);
   const SystemClock clock;
+  if (!function->opens_workspace) TileWorkspace::TrimIdle();
   try {
     StatusOr<TaskOutcome> outcome = function->run(request, control, clock);
     if (!outcome.ok()) {

@@ -8,7 +8,7 @@
 #include "absl/strings/str_join.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/task_functions.h"
-#include "worker/tile/kept_files.h"
+#include "worker/tile/kept/kept_files.h"
 #include "worker/tile/methods.h"
 
 namespace tessera {

@@ -3,15 +3,14 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
-#include <list>
-#include <mutex>
 #include <numeric>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "common/base/machine_limits.h"
 #include "worker/city/pick.h"
-#include "worker/tile/kept_files.h"
+#include "worker/tile/kept/idle_cache.h"
+#include "worker/tile/kept/kept_files.h"
 #include "worker/tile/regions.h"
 
 namespace tessera {
@@ -25,46 +24,16 @@ constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300, kR
 // A workspace keeps its repair if it then takes at most this share of the memory of idle workspaces.
 constexpr size_t kRepairShare = 4;
 
-// Bound on the bytes of all idle workspaces.
+// Bound on the bytes of all idle workspaces but one.
 size_t IdleLimit_bytes() {
   static const auto limit = static_cast<size_t>(std::min(MemoryLimit_bytes() / 8, int64_t{2} << 30));
   return limit;
 }
 
-// Idle workspaces of recent tasks, so that the next step of a tile need not read its package again. Thread-safe.
-class IdleWorkspaces {
- public:
-  std::unique_ptr<TileWorkspace> Take(const std::string& key) {
-    const std::lock_guard lock(mutex_);
-    const auto found = std::find_if(kept_.begin(), kept_.end(), [&](const Kept& kept) { return kept.key == key; });
-    if (found == kept_.end()) return nullptr;
-    std::unique_ptr<TileWorkspace> work = std::move(found->work);
-    kept_.erase(found);
-    return work;
-  }
-
-  void Put(const std::string& key, std::unique_ptr<TileWorkspace> work) {
-    const std::lock_guard lock(mutex_);
-    kept_.push_front({key, std::move(work)});
-    size_t bytes = 0;
-    for (auto it = kept_.begin(); it != kept_.end();) {
-      bytes += it->work->bytes();
-      it = bytes > IdleLimit_bytes() ? kept_.erase(it) : std::next(it);
-    }
-  }
-
- private:
-  struct Kept {
-    std::string key;
-    std::unique_ptr<TileWorkspace> work;
-  };
-  std::mutex mutex_;
-  std::list<Kept> kept_;  // most recently used first
-};
-
-IdleWorkspaces& Kept() {
-  static IdleWorkspaces* const kept = new IdleWorkspaces;
-  return *kept;
+// Workspaces of recent tasks, so that the next step of a tile need not read its package again.
+IdleCache<TileWorkspace>& IdleWorkspaces() {
+  static auto* const idle = new IdleCache<TileWorkspace>(IdleLimit_bytes());
+  return *idle;
 }
 
 }  // namespace
@@ -81,14 +50,18 @@ StatusOr<std::string> StatesKey(const std::vector<std::string>& paths) {
 StatusOr<std::shared_ptr<TileWorkspace>> TileWorkspace::Open(const std::string& path, const std::string& options_key) {
   TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(path));
   const std::string key = absl::StrCat(content, "|", options_key);
-  std::unique_ptr<TileWorkspace> work = Kept().Take(key);
+  std::unique_ptr<TileWorkspace> work = IdleWorkspaces().Take(key);
   if (work == nullptr) {
     TESSERA_ASSIGN_OR_RETURN(TilePackage package, ReadTilePackage(path));
     work = std::make_unique<TileWorkspace>(std::move(package));
   }
-  return std::shared_ptr<TileWorkspace>(
-      work.release(), [key](TileWorkspace* done) { Kept().Put(key, std::unique_ptr<TileWorkspace>(done)); });
+  return std::shared_ptr<TileWorkspace>(work.release(), [key](TileWorkspace* done) {
+    const size_t bytes = done->bytes();
+    IdleWorkspaces().Put(key, std::unique_ptr<TileWorkspace>(done), bytes);
+  });
 }
+
+void TileWorkspace::TrimIdle() { IdleWorkspaces().Trim(); }
 
 StatusOr<TileImages*> TileWorkspace::Images(const std::string& views_path, const TileRefineOptions& options) {
   TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(views_path));
@@ -336,6 +309,10 @@ StatusOr<ContourSums> TileWorkspace::AssembleContours(const SumsOfTiles& sums, R
   }
   std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.face < b.face; });
   ContourSums out;
+  size_t views = 0;
+  for (const Entry& entry : entries) views += entry.contour->views_end - entry.contour->views_begin;
+  out.faces.reserve(entries.size());
+  out.views.reserve(views);
   for (const Entry& entry : entries) out.Append(entry.face, *entry.contour, entry.tile->contours.views);
   return out;
 }

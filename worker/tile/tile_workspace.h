@@ -97,6 +97,8 @@ class TileWorkspace {
   // `options_key`, if it is still in memory. The caller owns it exclusively; its release returns it for later tasks.
   // Thread-safe. Errors as ReadTilePackage.
   static StatusOr<std::shared_ptr<TileWorkspace>> Open(const std::string& path, const std::string& options_key);
+  // Drops workspaces in memory down to the bound. The most recent one may exceed it until a call of this or of Open.
+  static void TrimIdle();
 
   const TilePackage& package() const { return package_; }
 

@@ -1,4 +1,4 @@
-#include "worker/tile/kept_files.h"
+#include "worker/tile/kept/kept_files.h"
 
 #include <gtest/gtest.h>
 
