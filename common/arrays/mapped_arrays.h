@@ -23,6 +23,7 @@ class MappedArrays {
 
   const std::string& metadata() const { return header_.metadata; }
   const std::string& path() const { return path_; }
+  const std::vector<ArrayFileHeader::Entry>& entries() const { return header_.entries; }
 
   // The array's values, valid as long as this object. DATA_LOSS if it is missing, has another type, or does not have
   // `count` values (-1: any number).

@@ -1,14 +1,18 @@
 #include "worker/tile/tile_views.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
 #include <functional>
+#include <list>
 #include <map>
+#include <mutex>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <span>
 #include <utility>
 #include <variant>
@@ -20,13 +24,18 @@
 #include "common/imaging/image_io.h"
 #include "common/scene/photographs.h"
 #include "common/storage/files.h"
+#include "common/storage/hash.h"
 #include "common/storage/mapped_file.h"
 #include "worker/photo/texels.h"
+#include "worker/tile/kept/kept_files.h"
 
 namespace tessera {
 namespace {
 
 using nlohmann::json;
+
+constexpr size_t kMostOpenCrops = 64;               // files, of tiles; little memory each
+constexpr uint64_t kPartBytes = uint64_t{1} << 18;  // that are copied at once; stay in the cache
 
 // Metadata of a view in the file: the shape of level 0.
 struct Crop {
@@ -91,8 +100,8 @@ StatusOr<LoadedCrop> ReadCrop(const TilePackage& package, const std::string& fol
   return crop;
 }
 
-// Bound on the memory of ReadCrop, not below that of PredictCrop (server/tiling): floats of the crop's planes before and
-// after undistortion, and the decoded files.
+// Bound on the memory of ReadCrop, not below that of PredictCrop (server/tiling): floats of the crop's planes before
+// and after undistortion, and the decoded files.
 double BytesToRead(const TilePackage& package, int view) {
   const PixelRect& rect = package.view_rects[view];
   const PinholeCamera& whole = package.views[view].camera.intrinsics;
@@ -150,18 +159,21 @@ class CropWriter {
   }
 
   Status Finish(int tile) {
-    TESSERA_ASSIGN_OR_RETURN(const MappedFile pixels, pixels_->Finish());
     TESSERA_ASSIGN_OR_RETURN(const auto file,
                              ArrayFileWriter::Create(path_, json{{"tile", tile}, {"crops", crops_}}.dump(), arrays_));
-    size_t at = 0;
+    int64_t at = 0;
     for (const ArrayFileWriter::Array& array : arrays_) {
-      std::visit(
-          [&]<class T>(const std::vector<T>&) {
-            file->Append(array.name, std::span(reinterpret_cast<const T*>(pixels.data() + at), array.count));
-            pixels.Release(at, array.count * sizeof(T));
-            at += array.count * sizeof(T);
-          },
-          array.type);
+      const auto copy = [&]<class T>(const std::vector<T>&) -> Status {
+        std::vector<T> part;
+        for (uint64_t done = 0; done < array.count; done += part.size()) {
+          part.resize(std::min<uint64_t>(array.count - done, kPartBytes / sizeof(T)));
+          TESSERA_RETURN_IF_ERROR(pixels_->Take(at, part.size() * sizeof(T), part.data()));
+          file->Append(array.name, std::span<const T>(part));
+          at += static_cast<int64_t>(part.size() * sizeof(T));
+        }
+        return absl::OkStatus();
+      };
+      TESSERA_RETURN_IF_ERROR(std::visit(copy, array.type));
       at += at % 2;
     }
     return file->Finish();
@@ -190,27 +202,60 @@ class CropsFile {
  public:
   static StatusOr<std::shared_ptr<const CropsFile>> Open(const std::string& path) {
     TESSERA_ASSIGN_OR_RETURN(MappedArrays arrays, MappedArrays::Open(path));
-    TESSERA_ASSIGN_OR_RETURN(const MappedFile bytes, MappedFile::Open(path));
-    TESSERA_ASSIGN_OR_RETURN(ArrayFileHeader header, ParseArrayFileHeader({bytes.data(), bytes.size_bytes()}, path));
     const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
     if (fd < 0) return FileError(errno, absl::StrCat("cannot open ", path));
-    return std::shared_ptr<const CropsFile>(new CropsFile(std::move(arrays), header, fd));
+    return std::shared_ptr<const CropsFile>(new CropsFile(std::move(arrays), fd));
   }
   CropsFile(const CropsFile&) = delete;
   CropsFile& operator=(const CropsFile&) = delete;
   ~CropsFile() { close(fd_); }
 
   const MappedArrays& arrays() const { return arrays_; }
+  // Whether the file is in no folder any more.
+  bool IsRemoved() const {
+    struct stat file = {};
+    return fstat(fd_, &file) != 0 || file.st_nlink == 0;
+  }
+  // Compares the array's bytes with their checksum at the first call, without mapping pages. Errors as
+  // MappedArrays::Verify.
+  Status Verify(const std::string& name) const {
+    {
+      const std::lock_guard lock(mutex_);
+      if (verified_.contains(name)) return absl::OkStatus();
+    }
+    const auto found = entries_.find(name);
+    if (found == entries_.end()) return arrays_.Verify(name);
+    const uint64_t size_bytes = found->second->count * ArrayFileHeader::value_bytes(*found->second);
+    Xxh3Hasher hasher;
+    std::vector<char> part(std::min<uint64_t>(size_bytes, kPartBytes));
+    for (uint64_t at = 0; at < size_bytes; at += part.size()) {
+      part.resize(std::min<uint64_t>(part.size(), size_bytes - at));
+      if (!Read(found->second->offset + at, part.size(), part.data())) return arrays_.Verify(name);
+      hasher.Update(part.data(), part.size());
+    }
+    if (hasher.Digest() != found->second->hash) return arrays_.Verify(name);
+    const std::lock_guard lock(mutex_);
+    verified_.insert(name);
+    return absl::OkStatus();
+  }
   // Copies the bytes at `from` in `values`, which are those of the array `name`, without mapping pages. False if
   // `from` is not in them, or the file cannot be read.
   template <class T>
   bool Copy(const std::string& name, std::span<const T> values, const void* from, size_t size_bytes, void* to) const {
     const auto *begin = reinterpret_cast<const char*>(values.data()), *at = static_cast<const char*>(from);
     if (std::less<>()(at, begin) || std::less<>()(begin + values.size_bytes(), at + size_bytes)) return false;
-    const auto offset = static_cast<off_t>(offsets_.at(name)) + (at - begin);
+    return Read(entries_.at(name)->offset + static_cast<uint64_t>(at - begin), size_bytes, to);
+  }
+
+ private:
+  CropsFile(MappedArrays arrays, int fd) : arrays_(std::move(arrays)), fd_(fd) {
+    for (const ArrayFileHeader::Entry& entry : arrays_.entries()) entries_[entry.name] = &entry;
+  }
+
+  bool Read(uint64_t offset, size_t size_bytes, void* to) const {
     for (size_t done = 0; done < size_bytes;) {
       const ssize_t got =
-          pread(fd_, static_cast<char*>(to) + done, size_bytes - done, offset + static_cast<off_t>(done));
+          pread(fd_, static_cast<char*>(to) + done, size_bytes - done, static_cast<off_t>(offset + done));
       if (got < 0 && errno == EINTR) continue;
       if (got <= 0) return false;
       done += static_cast<size_t>(got);
@@ -218,15 +263,33 @@ class CropsFile {
     return true;
   }
 
- private:
-  CropsFile(MappedArrays arrays, const ArrayFileHeader& header, int fd) : arrays_(std::move(arrays)), fd_(fd) {
-    for (const ArrayFileHeader::Entry& entry : header.entries) offsets_[entry.name] = entry.offset;
-  }
-
-  MappedArrays arrays_;
-  std::map<std::string, uint64_t> offsets_;  // in the file, by array
-  int fd_;
+  const MappedArrays arrays_;
+  std::map<std::string, const ArrayFileHeader::Entry*> entries_;  // by name
+  const int fd_;
+  mutable std::mutex mutex_;
+  mutable std::set<std::string> verified_;  // guarded by mutex_
 };
+
+// The crops at `path`. The last ones stay open, so that their checksums are compared once in a process, whether the
+// tile's workspace stays in memory or not.
+StatusOr<std::shared_ptr<const CropsFile>> OpenCrops(const std::string& path) {
+  using Kept = std::list<std::pair<std::string, std::shared_ptr<const CropsFile>>>;
+  static auto* const mutex = new std::mutex;
+  static auto* const kept = new Kept;  // most recently used first
+  TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(path));
+  const std::lock_guard lock(*mutex);
+  kept->remove_if([](const auto& entry) { return entry.second->IsRemoved(); });  // for their space on disk
+  const auto found =
+      std::find_if(kept->begin(), kept->end(), [&](const auto& entry) { return entry.first == content; });
+  if (found != kept->end()) {
+    kept->splice(kept->begin(), *kept, found);
+    return kept->front().second;
+  }
+  TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const CropsFile> file, CropsFile::Open(path));
+  kept->emplace_front(content, file);
+  if (kept->size() > kMostOpenCrops) kept->pop_back();
+  return file;
+}
 
 // One crop of a shared file.
 class FilePixels : public ViewPixels {
@@ -240,13 +303,15 @@ class FilePixels : public ViewPixels {
     static_cast<TexelShape&>(out) = levels_.at(level);
     const CropsFile* const file = file_.get();
     const std::string luminance = LuminanceName(index_, level);
+    TESSERA_RETURN_IF_ERROR(file->Verify(luminance));
     TESSERA_ASSIGN_OR_RETURN(out.luminance,
-                             file->arrays().Verified<uint16_t>(luminance, static_cast<int64_t>(out.pixels())));
+                             file->arrays().Get<uint16_t>(luminance, static_cast<int64_t>(out.pixels())));
     std::string likelihoods;
     if (has_likelihoods()) {
       likelihoods = LikelihoodName(index_, LikelihoodLevel(levels_.front(), level));
-      TESSERA_ASSIGN_OR_RETURN(out.likelihoods, file->arrays().Verified<uint8_t>(
-                                                    likelihoods, static_cast<int64_t>(out.likelihood_values())));
+      TESSERA_RETURN_IF_ERROR(file->Verify(likelihoods));
+      TESSERA_ASSIGN_OR_RETURN(out.likelihoods,
+                               file->arrays().Get<uint8_t>(likelihoods, static_cast<int64_t>(out.likelihood_values())));
     }
     out.release = [file, luminance, likelihoods] {
       file->arrays().Release(luminance);
@@ -257,7 +322,6 @@ class FilePixels : public ViewPixels {
       return file->Copy(luminance, of_luminance, from, size_bytes, to) ||
              (!likelihoods.empty() && file->Copy(likelihoods, of_likelihoods, from, size_bytes, to));
     };
-    out.release();
     return out;
   }
 
@@ -295,7 +359,7 @@ Status CropTileViews(const TilePackage& package, const std::string& folder, cons
 }
 
 StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const CropsFile> file, CropsFile::Open(path));
+  TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const CropsFile> file, OpenCrops(path));
   std::vector<RefineView> views;
   try {
     const json metadata = json::parse(file->arrays().metadata());
