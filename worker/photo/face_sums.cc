@@ -34,12 +34,9 @@ void FaceGatherer::Begin(const TriangleMesh& mesh, const MeshPart& part, const P
   sums_ = sums;
   shared_.resize(strips);
   corners_.resize(mesh.vertices.size());
-  for (const auto& [first, last] : part.vertices) {
-    ParallelFor(last - first, kVertexGrain, [&, base = first](int64_t begin, int64_t end) {
-      const size_t at = base + static_cast<size_t>(begin);
-      ProjectToImage(mesh.vertices.data() + at, end - begin, camera, kNearPlane_m, corners_.data() + at);
-    });
-  }
+  ForRanges(part.vertices, kVertexGrain, [&](int64_t begin, int64_t end) {
+    ProjectToImage(mesh.vertices.data() + begin, end - begin, camera, kNearPlane_m, corners_.data() + begin);
+  });
 }
 
 void FaceGatherer::UnboundedToCorners(const FaceMoments& m, FaceSums* out) const {
@@ -161,8 +158,7 @@ void FaceGatherer::AddRow(const ReferenceStrip& planes, int y, FaceSlots* buffer
     const float g = gradient[x] * depth[x], h = curvature[x] * depth[x];
     const auto fx = static_cast<float>(x);
     moments.sums += FaceMoments::Lanes{g, h, pairs[x], 1};
-    moments.moments +=
-        FaceMoments::Lanes{g, h, g, h} * (FaceMoments::Lanes{fx, fx, fy, fy} - moments.first_pixel);
+    moments.moments += FaceMoments::Lanes{g, h, g, h} * (FaceMoments::Lanes{fx, fx, fy, fy} - moments.first_pixel);
   }
 }
 

@@ -31,9 +31,9 @@ Matrix3d Calibration(const PinholeCamera& k) {
 // Calls body(face) for the faces of a part, on all threads.
 template <class Body>
 void ForFaces(const MeshPart& part, const Body& body) {
-  for (const auto& [first, last] : part.faces) {
-    ParallelForEach(last - first, kFaceGrain, [&, base = int64_t{first}](int64_t f) { body(base + f); });
-  }
+  ForRanges(part.faces, kFaceGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t f = begin; f < end; ++f) body(f);
+  });
 }
 
 double Seconds(const Clock* clock) { return clock ? 1e-6 * static_cast<double>(clock->MonotonicUs()) : 0; }
@@ -74,7 +74,9 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
 }
 
 PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const PhotoOptions& options, const ViewGroups* groups)
-    : views_(*views), options_(options), groups_(groups), maps_(views->size()), targets_(views->size()) {}
+    : views_(*views), options_(options), groups_(groups), maps_(views->size()), targets_(views->size()) {
+  for (size_t v = 0; groups != nullptr && v < views->size(); ++v) selected_.push_back(groups->SelectedIn(v));
+}
 
 void PhotoTerm::OrderViews(const std::vector<ViewPair>& pairs) {
   opening_.resize(views_.size());
@@ -151,9 +153,11 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
   }
   std::vector<CameraWindow> windows;
   std::vector<MeshPart> parts;
+  std::vector<FaceSelection> selections;
   for (const size_t view : open) {
     windows.push_back({views_[view].camera, target_rects_[view]});
     parts.push_back(parts_[view]);
+    if (groups_ != nullptr) selections.push_back(SelectionOf(*groups_, selected_[view]));
     const PixelRect& reference = reference_rects_[view];
     Buffers buffers = TakeBuffers(static_cast<size_t>(reference.width()) * reference.height());
     maps_[view] = std::move(buffers.map);
@@ -161,7 +165,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
     if (views_[view].stored) views_[view].texels = std::move(buffers.target_texels);
     references_[view].texels = std::move(buffers.reference_texels);
   }
-  rasterizer_.DrawParts(mesh, parts, windows, &drawn_);
+  rasterizer_.DrawParts(mesh, parts, windows, &drawn_, kNearPlane_m, selections);
   ParallelForEach(open.size(), 1, [&](int64_t i) {
     const size_t view = open[i];
     if (!views_[view].stored) return;
@@ -174,7 +178,6 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
   });
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];
-    if (groups_ != nullptr) MarkNotSelected(*groups_, view, &drawn_[i]);
     SetWarpTarget(views_[view].texels, drawn_[i], views_[view].depths, &targets_[view]);
   }
   ParallelForEach(open.size(), 1, [&](int64_t i) {

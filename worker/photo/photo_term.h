@@ -133,6 +133,7 @@ class PhotoTerm {
   std::vector<PhotoView>& views_;
   PhotoOptions options_;
   const ViewGroups* groups_;
+  std::vector<std::vector<uint8_t>> selected_;  // per view: ViewGroups::SelectedIn
   Rasterizer rasterizer_;
   // Step i processes reference i. A view is open from the first step that reads it to the last. parts_: the cells of
   // the mesh drawn per view. target_rects_, reference_rects_: the pixels read as a target and as a reference; empty:

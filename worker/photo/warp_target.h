@@ -30,7 +30,7 @@ struct WarpTarget {
   }
 };
 
-// `map`: of the view of `texels`, same size. Faces for which the view is not selected (MarkNotSelected) occlude but
+// `map`: of the view of `texels`, same size. Faces for which the view is not selected (kNotSelected) occlude but
 // have no luminance. The depth codes depend on `range`, so views that must agree share it; empty: the range of `map`.
 // Runs on all threads.
 void SetWarpTarget(const Texels& texels, const FaceMap& map, const DepthRange& range, WarpTarget* target);

@@ -16,15 +16,24 @@ constexpr double kMapBytes = 10;  // per pixel: face map, luminance
 constexpr int kMostShares = 8;    // each reads all face maps
 
 // Sets FaceMap::face to -1 where the photograph has no luminance.
-void KeepLit(const StoredTexels& level, FaceMap* map) {
+void KeepLit(const PixelRect& rect, std::span<const uint16_t> luminance, FaceMap* map) {
   for (int y = 0; y < map->height; ++y) {
     for (int x = 0; x < map->width; ++x) {
       const int u = map->x0 + x, v = map->y0 + y;
-      const bool inside = u >= level.rect.x0 && v >= level.rect.y0 && u < level.rect.x1 && v < level.rect.y1;
-      const size_t at = static_cast<size_t>(v - level.rect.y0) * level.rect.width() + (u - level.rect.x0);
-      if (!inside || level.luminance[at] == 0) map->face[static_cast<size_t>(y) * map->width + x] = -1;
+      const bool inside = u >= rect.x0 && v >= rect.y0 && u < rect.x1 && v < rect.y1;
+      const size_t at = static_cast<size_t>(v - rect.y0) * rect.width() + (u - rect.x0);
+      if (!inside || luminance[at] == 0) map->face[static_cast<size_t>(y) * map->width + x] = -1;
     }
   }
+}
+
+// The values of one of the level's arrays: a copy in `buffer`, which takes less time than mapping its pages, or the
+// mapped ones.
+template <class T>
+std::span<const T> Read(const StoredTexels& level, std::span<const T> values, std::vector<T>* buffer) {
+  buffer->resize(values.size());
+  if (level.copy && level.copy(values.data(), values.size_bytes(), buffer->data())) return *buffer;
+  return values;
 }
 
 // Draws each view once, several at a time, and adds its likelihoods to the faces that it shows: for each face in the
@@ -44,33 +53,44 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
   const VisibleCells visible = FindVisibleCells(problem);
   const std::vector<uint8_t> own = work.whole() ? std::vector<uint8_t>() : work.measured();
   std::vector<size_t> seen;
-  double largest = 0;  // pixels of a window
+  double largest_bytes = 0;  // of a view's map and likelihoods
   for (size_t v = 0; v < views.size(); ++v) {
     const PixelRect& window = visible.windows[v];
     if (window.empty() || !views[v].pixels->has_likelihoods()) continue;
     seen.push_back(v);
-    largest = std::max(largest, static_cast<double>(window.width()) * window.height());
+    const PixelRect& stored = views[v].pixels->rect();
+    largest_bytes = std::max(largest_bytes, kMapBytes * window.width() * window.height() +
+                                                static_cast<double>(sums.classes) * stored.width() * stored.height());
   }
-  const auto at_once = static_cast<size_t>(ItemsAtOnce((kMapBytes + sums.classes) * largest));
+  const auto at_once = static_cast<size_t>(ItemsAtOnce(largest_bytes));
   Rasterizer rasterizer;
   std::vector<FaceMap> maps;
+  std::vector<std::vector<uint8_t>> likelihoods(std::min(at_once, seen.size()));
   for (size_t first = 0; first < seen.size(); first += at_once) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(first) / static_cast<double>(seen.size()), "collecting likelihoods");
     const std::span<const size_t> batch = std::span(seen).subspan(first, std::min(at_once, seen.size() - first));
     std::vector<MeshPart> parts;
     std::vector<CameraWindow> windows;
+    std::vector<std::vector<uint8_t>> selected;  // groups, per view
+    std::vector<FaceSelection> selections;
     for (const size_t v : batch) {
+      selected.push_back(groups.SelectedIn(v));
+      selections.push_back(SelectionOf(groups, selected.back()));
       parts.push_back(boxes.PartOf(visible.cells[v]));
       windows.emplace_back(views[v].camera, visible.windows[v]);
     }
-    rasterizer.DrawParts(mesh, parts, windows, &maps);
+    rasterizer.DrawParts(mesh, parts, windows, &maps, kNearPlane_m, selections);
     std::vector<StatusOr<StoredTexels>> levels(batch.size());
     ParallelForEach(batch.size(), 1, [&](size_t i) {
       const size_t v = batch[i];
       levels[i] = views[v].pixels->Level(0);
-      MarkNotSelected(groups, v, &maps[i]);
-      if (levels[i].ok() && package.views[views[v].index].masked) KeepLit(*levels[i], &maps[i]);
+      if (!levels[i].ok()) return;
+      if (package.views[views[v].index].masked) {
+        std::vector<uint16_t> luminance;
+        KeepLit(levels[i]->rect, Read(*levels[i], levels[i]->luminance, &luminance), &maps[i]);
+      }
+      levels[i]->likelihoods = Read(*levels[i], levels[i]->likelihoods, &likelihoods[i]);
     });
     for (const auto& level : levels) TESSERA_RETURN_IF_ERROR(level.status());
     const int shares = std::min(ThreadCount(), kMostShares);
@@ -82,9 +102,6 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
                        level.mapping, own, &sums, {share, shares});
       }
     });
-    for (const auto& level : levels) {
-      if (level->release) level->release();
-    }
   }
   return sums;
 }

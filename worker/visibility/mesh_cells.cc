@@ -22,6 +22,29 @@ void Append(uint32_t begin, uint32_t end, std::vector<std::array<uint32_t, 2>>* 
 
 }  // namespace
 
+void ForRanges(const std::vector<std::array<uint32_t, 2>>& ranges, int64_t grain,
+               const std::function<void(int64_t, int64_t)>& body) {
+  // Each part has about `grain` elements of one or several ranges.
+  std::vector<std::array<int64_t, 2>> pieces;
+  std::vector<size_t> parts = {0};
+  int64_t in_part = 0;
+  for (const auto& [first, last] : ranges) {
+    for (int64_t begin = first; begin < last;) {
+      const int64_t end = std::min<int64_t>(last, begin + grain - in_part);
+      pieces.push_back({begin, end});
+      in_part += end - begin;
+      begin = end;
+      if (in_part < grain) continue;
+      parts.push_back(pieces.size());
+      in_part = 0;
+    }
+  }
+  if (in_part > 0) parts.push_back(pieces.size());
+  ParallelForEach(parts.size() - 1, 1, [&](size_t part) {
+    for (size_t i = parts[part]; i < parts[part + 1]; ++i) body(pieces[i][0], pieces[i][1]);
+  });
+}
+
 void FindVertexCells(const std::vector<Triangle>& faces, MeshCells* cells) {
   const size_t count = cells->face_begin.empty() ? 0 : cells->face_begin.size() - 1;
   cells->vertex_cells.assign(count, {});
@@ -44,16 +67,23 @@ PixelRect PixelsOf(const CameraWindow& view, const Eigen::AlignedBox3d& box, dou
   const PixelRect& domain = view.rect;
   double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
   int behind = 0;
+  const PinholeCamera& k = view.camera.intrinsics;
+  const Eigen::Vector3d lowest = view.camera.CameraFromWorld(box.min());
+  const Eigen::Matrix3d edges = view.camera.rotation_cam_from_world * box.sizes().asDiagonal();
   for (int c = 0; c < 8; ++c) {
-    const Eigen::Vector3d p = view.camera.Project(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(c)));
+    Eigen::Vector3d p = lowest;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (c >> axis & 1) p += edges.col(axis);
+    }
     if (!(p.z() >= near_m)) {
       ++behind;
       continue;
     }
-    x0 = std::min(x0, p.x());
-    x1 = std::max(x1, p.x());
-    y0 = std::min(y0, p.y());
-    y1 = std::max(y1, p.y());
+    const double scale = 1 / p.z(), x = k.fx * scale * p.x() + k.cx, y = k.fy * scale * p.y() + k.cy;
+    x0 = std::min(x0, x);
+    x1 = std::max(x1, x);
+    y0 = std::min(y0, y);
+    y1 = std::max(y1, y);
   }
   if (behind == 8) return {};
   if (behind > 0) return domain;
@@ -65,6 +95,12 @@ PixelRect PixelsOf(const CameraWindow& view, const Eigen::AlignedBox3d& box, dou
           clip(std::ceil(x1 + margin), domain.x0, domain.x1), clip(std::ceil(y1 + margin), domain.y0, domain.y1)};
 }
 
+std::vector<Eigen::AlignedBox3d> RunsOf(const std::vector<Eigen::AlignedBox3d>& boxes) {
+  std::vector<Eigen::AlignedBox3d> runs((boxes.size() + kRunCells - 1) / kRunCells);
+  for (size_t c = 0; c < boxes.size(); ++c) runs[c / kRunCells].extend(boxes[c]);
+  return runs;
+}
+
 CellBoxes::CellBoxes(const TriangleMesh& mesh, const MeshCells* cells)
     : cells_(cells), boxes_(cells == nullptr ? 0 : cells->size()) {
   all_.faces = {{0, static_cast<uint32_t>(mesh.faces.size())}};
@@ -74,13 +110,17 @@ CellBoxes::CellBoxes(const TriangleMesh& mesh, const MeshCells* cells)
       for (const uint32_t v : mesh.faces[f]) boxes_[c].extend(mesh.vertices[v]);
     }
   });
+  runs_ = RunsOf(boxes_);
 }
 
 MeshPart CellBoxes::InWindow(const CameraWindow& window, double near_m) const {
   if (boxes_.empty()) return all_;
   std::vector<uint32_t> cells;
-  for (uint32_t c = 0; c < boxes_.size(); ++c) {
-    if (!PixelsOf(window, boxes_[c], near_m, 0).empty()) cells.push_back(c);
+  for (size_t run = 0; run < runs_.size(); ++run) {
+    if (PixelsOf(window, runs_[run], near_m, 0).empty()) continue;
+    for (size_t c = run * kRunCells; c < std::min(boxes_.size(), (run + 1) * kRunCells); ++c) {
+      if (!PixelsOf(window, boxes_[c], near_m, 0).empty()) cells.push_back(static_cast<uint32_t>(c));
+    }
   }
   return PartOf(cells);
 }

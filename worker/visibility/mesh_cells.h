@@ -4,6 +4,8 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <functional>
+#include <limits>
 #include <vector>
 
 #include "common/geometry/mesh.h"
@@ -27,6 +29,30 @@ struct MeshPart {
   std::vector<std::array<uint32_t, 2>> faces, vertices;
 };
 
+// Calls body(begin, end) for parts of at most `grain` elements of the ranges, on all threads, in one loop: the cells
+// that a view shows are many short ranges.
+void ForRanges(const std::vector<std::array<uint32_t, 2>>& ranges, int64_t grain,
+               const std::function<void(int64_t begin, int64_t end)>& body);
+
+// FaceMap::face at pixels where a view sees a face for which it is not selected.
+inline constexpr int32_t kNotSelected = std::numeric_limits<int32_t>::min();
+
+// The groups of faces for which a view is selected. Null pointers: it is selected for all faces.
+struct FaceSelection {
+  const uint32_t* group_of_face = nullptr;
+  const uint8_t* selected = nullptr;  // flag per group
+
+  // What a face map has where it shows the face.
+  int32_t NameOf(uint32_t face) const {
+    return selected == nullptr || selected[group_of_face[face]] ? static_cast<int32_t>(face) : kNotSelected;
+  }
+};
+
+// Cells that share a bounding box, for early rejection.
+inline constexpr size_t kRunCells = 16;
+// Bounds of so many consecutive boxes each.
+std::vector<Eigen::AlignedBox3d> RunsOf(const std::vector<Eigen::AlignedBox3d>& boxes);
+
 // Bounding boxes of the cells' faces at their current positions. `cells` must outlive the object; null: the mesh is
 // one cell, and InWindow always returns all of it.
 class CellBoxes {
@@ -40,7 +66,7 @@ class CellBoxes {
 
  private:
   const MeshCells* cells_;
-  std::vector<Eigen::AlignedBox3d> boxes_;
+  std::vector<Eigen::AlignedBox3d> boxes_, runs_;  // of cells, and of kRunCells cells
   MeshPart all_;
 };
 

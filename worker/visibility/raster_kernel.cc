@@ -405,7 +405,7 @@ int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const G
       if (fitting < expected) break;
     }
     for (int k = 0; k < ready; ++k) {
-      const auto id = static_cast<int32_t>(list[done + k]);
+      const int32_t id = target.selection.NameOf(list[done + k]);
       if (batch.x_last[k] - batch.x_first[k] == 1 && batch.y_last[k] - batch.y_first[k] == 1) {
         if (batch.y_first[k] >= target.row_first && batch.y_first[k] < target.row_last) {
           DrawPixelFromBatch(batch, k, id, target);

@@ -8,6 +8,7 @@
 
 #include "common/geometry/mesh.h"
 #include "worker/visibility/image_window.h"
+#include "worker/visibility/mesh_cells.h"
 
 namespace tessera {
 
@@ -38,6 +39,7 @@ struct DrawTarget {
   int row_first = 0, row_last = 0;
   int32_t* face = nullptr;
   float* inverse_z = nullptr;  // 0: no surface
+  FaceSelection selection = {};
 
   void Draw(int x, int y, float value, int32_t id) const {
     const size_t i = static_cast<size_t>(y) * width + x;

@@ -23,6 +23,7 @@ struct Layer {
   const GridVertex* vertices;
   const std::vector<std::array<uint32_t, 2>>& faces;  // ranges
   const CameraWindow& window;
+  const FaceSelection& selection;
   double near_m;
 
   int64_t Select(int64_t first, int64_t last, uint32_t* list) const {
@@ -74,14 +75,15 @@ struct Rasterizer::Workspace {
     map->depth.assign(pixels, 0);  // holds 1/z until the end of Draw
   }
 
-  static DrawTarget Target(FaceMap* map, int row_first, int row_last) {
-    return {map->width, map->height, map->x0, map->y0, row_first, row_last, map->face.data(), map->depth.data()};
+  static DrawTarget Target(const Layer& layer, FaceMap* map, int row_first, int row_last) {
+    return {map->width, map->height,      map->x0,           map->y0,        row_first,
+            row_last,   map->face.data(), map->depth.data(), layer.selection};
   }
 
   // One thread: draws each chunk's faces while they are in the cache.
   void DrawLayer(const Layer& layer, FaceMap* map) {
     list.resize(std::max<size_t>(list.size(), kFaceChunk));
-    const DrawTarget target = Target(map, 0, map->height);
+    const DrawTarget target = Target(layer, map, 0, map->height);
     for (const auto& [begin, end] : layer.faces) {
       for (int64_t first = begin; first < end; first += kFaceChunk) {
         const int64_t last = std::min<int64_t>(end, first + kFaceChunk);
@@ -115,7 +117,7 @@ struct Rasterizer::Workspace {
     // Few bands: each band sets up again all blocks of faces that reach it.
     const int64_t band_rows = std::max<int64_t>(kBandRows, map->height / (2 * ThreadCount()) + 1);
     ParallelFor(map->height, band_rows, [&](int64_t row_first, int64_t row_last) {
-      const DrawTarget target = Target(map, static_cast<int>(row_first), static_cast<int>(row_last));
+      const DrawTarget target = Target(layer, map, static_cast<int>(row_first), static_cast<int>(row_last));
       for (int64_t chunk = 0; chunk < chunks; ++chunk) {
         const int64_t begin = chunk * kFaceChunk, count = selected[chunk];
         for (int64_t k = 0; k < count; k += kListBlock) {
@@ -130,23 +132,18 @@ struct Rasterizer::Workspace {
   void Project(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, double near_m,
                bool in_parallel) {
     vertices.resize(std::max(vertices.size(), mesh.vertices.size()));
-    for (const auto& [first, last] : part.vertices) {
-      const auto project = [&, base = static_cast<int64_t>(first)](int64_t begin, int64_t end) {
-        ProjectToGrid(mesh.vertices.data() + base + begin, end - begin, window, near_m, vertices.data() + base + begin);
-      };
-      if (in_parallel) {
-        ParallelFor(last - first, kVertexGrain, project);
-      } else {
-        project(0, last - first);
-      }
-    }
+    const auto project = [&](int64_t begin, int64_t end) {
+      ProjectToGrid(mesh.vertices.data() + begin, end - begin, window, near_m, vertices.data() + begin);
+    };
+    if (in_parallel) return ForRanges(part.vertices, kVertexGrain, project);
+    for (const auto& [first, last] : part.vertices) project(first, last);
   }
 
-  void Draw(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, double near_m, bool in_parallel,
-            FaceMap* map) {
+  void Draw(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, const FaceSelection& selection,
+            double near_m, bool in_parallel, FaceMap* map) {
     Reset(window.rect, map);
     Project(mesh, part, window, near_m, in_parallel);
-    const Layer layer{mesh, vertices.data(), part.faces, window, near_m};
+    const Layer layer{mesh, vertices.data(), part.faces, window, selection, near_m};
     if (in_parallel) {
       DrawLayerInBands(layer, map);
     } else {
@@ -180,19 +177,21 @@ Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
 void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts,
-                           std::span<const CameraWindow> windows, std::vector<FaceMap>* maps, double near_m) {
+                           std::span<const CameraWindow> windows, std::vector<FaceMap>* maps, double near_m,
+                           std::span<const FaceSelection> selections) {
   maps->resize(windows.size());
+  const auto selection = [&](size_t view) { return selections.empty() ? FaceSelection() : selections[view]; };
   if (windows.size() < static_cast<size_t>(ThreadCount())) {
     std::unique_ptr<Workspace> workspace = pool_->Take();
     for (size_t view = 0; view < windows.size(); ++view) {
-      workspace->Draw(mesh, parts[view], windows[view], near_m, ThreadCount() > 1, &(*maps)[view]);
+      workspace->Draw(mesh, parts[view], windows[view], selection(view), near_m, ThreadCount() > 1, &(*maps)[view]);
     }
     pool_->Return(std::move(workspace));
     return;
   }
   ParallelForEach(windows.size(), 1, [&](size_t view) {
     std::unique_ptr<Workspace> workspace = pool_->Take();
-    workspace->Draw(mesh, parts[view], windows[view], near_m, false, &(*maps)[view]);
+    workspace->Draw(mesh, parts[view], windows[view], selection(view), near_m, false, &(*maps)[view]);
     pool_->Return(std::move(workspace));
   });
 }

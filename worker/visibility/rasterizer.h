@@ -21,7 +21,7 @@ struct FaceMap {
   static constexpr float kNothing = std::numeric_limits<float>::infinity();
   int width = 0;
   int height = 0;
-  std::vector<int32_t> face;  // nearest face at the pixel's centre; -1: none
+  std::vector<int32_t> face;  // nearest face at the pixel's centre, or kNotSelected; -1: none
   std::vector<float> depth;   // z in the camera frame of the nearest face; or kNothing
   int x0 = 0, y0 = 0;         // position of the first pixel in the camera's whole image
 };
@@ -46,9 +46,11 @@ class Rasterizer {
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
   // Draws parts[i] of the mesh for windows[i]. Few windows are shared between the threads in bands of rows, many are
-  // distributed over them. Parts closer than `near_m` are clipped.
+  // distributed over them. Parts closer than `near_m` are clipped. `selections`: of the windows' views; empty: each is
+  // selected for all faces. Faces for which a view is not selected hide others all the same.
   void DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts, std::span<const CameraWindow> windows,
-                 std::vector<FaceMap>* maps, double near_m = kNearPlane_m);
+                 std::vector<FaceMap>* maps, double near_m = kNearPlane_m,
+                 std::span<const FaceSelection> selections = {});
 
  private:
   struct Workspace;

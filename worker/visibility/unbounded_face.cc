@@ -143,7 +143,7 @@ void DrawTriangle(const Corner& a, const Corner& b, const Corner& c, int32_t id,
 
 void DrawUnboundedFace(const TriangleMesh& mesh, uint32_t f, const GridVertex* vertices, const PosedCamera& camera,
                        double near_m, const DrawTarget& target) {
-  const auto id = static_cast<int32_t>(f);
+  const int32_t id = target.selection.NameOf(f);
   Corner corners[6];
   const int count = MakeOutline(mesh.faces[f], mesh, vertices, camera, near_m, target, corners);
   if (count >= 3) DrawTriangle(corners[0], corners[1], corners[2], id, target);

@@ -1,29 +1,28 @@
 #include "worker/visibility/view_groups.h"
 
 #include <algorithm>
-#include <limits>
+#include <cassert>
+#include <cstring>
 
 #include "common/base/parallel.h"
 
 namespace tessera {
 namespace {
 
-constexpr int64_t kPixelGrain = 1 << 16, kRowGrain = 64;
+constexpr int64_t kRowGrain = 64;
 
 }  // namespace
 
-void MarkNotSelected(const ViewGroups& groups, size_t view, FaceMap* map) {
-  std::vector<uint8_t> selected(groups.selected.size());
-  for (size_t g = 0; g < selected.size(); ++g) selected[g] = groups.selected[g][view];
-  if (groups.group_of_face.empty() || std::find(selected.begin(), selected.end(), 0) == selected.end()) return;
-  ParallelForEach(map->face.size(), kPixelGrain, [&](int64_t i) {
-    int32_t& face = map->face[i];
-    if (face >= 0 && !selected[groups.group_of_face[face]]) face = kNotSelected;
-  });
+std::vector<uint8_t> ViewGroups::SelectedIn(size_t view) const {
+  std::vector<uint8_t> out(group_of_face.empty() ? 0 : selected.size());
+  for (size_t g = 0; g < out.size(); ++g) out[g] = selected[g][view];
+  if (std::find(out.begin(), out.end(), 0) == out.end()) out.clear();
+  return out;
 }
 
 void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
   // A separable dilation of the own pixels: along rows first, then along columns.
+  assert(margin_px < 128);
   const int width = map->width, height = map->height;
   std::vector<uint8_t> wide(map->face.size(), 0), has(height, 0);  // pixels, rows with any
   ParallelForEach(height, kRowGrain, [&](int64_t y) {
@@ -39,18 +38,24 @@ void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
     }
   });
   ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {
-    std::vector<int32_t> last(width, std::numeric_limits<int32_t>::min());  // per column: last row with a set pixel
-    const auto take = [&](int64_t z) {
+    std::vector<uint8_t> near(width, 0);  // per column: number of set pixels in the rows within the margin
+    const auto add = [&](int64_t z, uint8_t sign) {
       if (z < 0 || z >= height || !has[z]) return;
       const uint8_t* row = wide.data() + z * width;
-      for (int x = 0; x < width; ++x) last[x] = row[x] ? static_cast<int32_t>(z) : last[x];
+      for (int x = 0; x < width; ++x) near[x] = static_cast<uint8_t>(near[x] + sign * row[x]);
     };
-    for (int64_t z = begin - margin_px; z < begin + margin_px; ++z) take(z);
+    for (int64_t z = begin - margin_px; z < begin + margin_px; ++z) add(z, 1);
     for (int64_t y = begin; y < end; ++y) {
-      take(y + margin_px);
-      const auto first = static_cast<int32_t>(y - margin_px);
+      add(y + margin_px, 1);
       int32_t* face = map->face.data() + y * width;
-      for (int x = 0; x < width; ++x) face[x] = last[x] >= first ? face[x] : -1;
+      for (int x = 0; x < width;) {
+        const void* const far = std::memchr(near.data() + x, 0, static_cast<size_t>(width - x));
+        if (far == nullptr) break;
+        for (x = static_cast<int>(static_cast<const uint8_t*>(far) - near.data()); x < width && near[x] == 0; ++x) {
+          face[x] = -1;
+        }
+      }
+      add(y - margin_px, 255);  // takes the row away
     }
   });
 }

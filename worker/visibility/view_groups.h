@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <vector>
 
 #include "worker/visibility/rasterizer.h"
@@ -15,13 +14,15 @@ namespace tessera {
 struct ViewGroups {
   std::vector<uint32_t> group_of_face;         // empty: every view is selected for every face
   std::vector<std::vector<uint8_t>> selected;  // per group: one flag per view, 1 if selected
+
+  // Flag per group whether the view is selected; empty if it is for all.
+  std::vector<uint8_t> SelectedIn(size_t view) const;
 };
 
-// FaceMap::face at pixels where a view sees a face for which it is not selected.
-inline constexpr int32_t kNotSelected = std::numeric_limits<int32_t>::min();
-
-// Marks such pixels in the map of `view`. Depths stay.
-void MarkNotSelected(const ViewGroups& groups, size_t view, FaceMap* map);
+// `selected`: of SelectedIn. Refers to both.
+inline FaceSelection SelectionOf(const ViewGroups& groups, const std::vector<uint8_t>& selected) {
+  return selected.empty() ? FaceSelection() : FaceSelection{groups.group_of_face.data(), selected.data()};
+}
 
 // Sets FaceMap::face to -1 at every pixel that lies more than `margin_px` rows or columns from all pixels of faces
 // with a flag in `own`. Depths stay.

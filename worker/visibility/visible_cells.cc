@@ -8,8 +8,7 @@
 namespace tessera {
 namespace {
 
-constexpr int kBlock_px = 8;      // needed pixels are recorded in squares of this size
-constexpr size_t kRunCells = 16;  // cells that share a bounding box for early rejection
+constexpr int kBlock_px = 8;  // needed pixels are recorded in squares of this size
 
 // A set of square blocks of an image.
 class PixelSet {
@@ -98,8 +97,7 @@ std::vector<std::vector<uint32_t>> OwnCellsOfViews(const MeshCells& cells, const
 
 VisibleCells FindVisibleCells(const VisibleCellsProblem& problem) {
   const size_t views = problem.views.size(), cells = problem.boxes.size();
-  std::vector<Eigen::AlignedBox3d> runs((cells + kRunCells - 1) / kRunCells);
-  for (size_t c = 0; c < cells; ++c) runs[c / kRunCells].extend(problem.boxes[c]);
+  const std::vector<Eigen::AlignedBox3d> runs = RunsOf(problem.boxes);
   std::vector<PixelSet> needed;
   for (const CameraWindow& view : problem.views) needed.emplace_back(view.rect);
   std::vector<std::vector<CellPixels>> in_view(views);  // ascending

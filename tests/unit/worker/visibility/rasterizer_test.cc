@@ -62,6 +62,44 @@ std::pair<int, double> TraceRay(const TriangleMesh& mesh, const PosedCamera& cam
   return best;
 }
 
+TEST(Rasterizer, FacesOfGroupsThatAreNotSelectedHideWithoutTheirName) {
+  TriangleMesh mesh = Terrain(24, 30, 8, 3);
+  // Faces that reach behind the camera.
+  const size_t bounded = mesh.faces.size();
+  for (const double y : {-8.0, 8.0}) {
+    const auto first = static_cast<uint32_t>(mesh.vertices.size());
+    mesh.vertices.insert(mesh.vertices.end(), {{-6, y, 5}, {6, y, 5}, {0, y, 400}});
+    mesh.faces.push_back({first, first + 1, first + 2});
+  }
+  std::vector<uint32_t> groups;
+  for (uint32_t f = 0; f < mesh.faces.size(); ++f) groups.push_back(f < bounded ? f % 3 : 1);
+  const std::vector<uint8_t> selected = {1, 0, 1};
+  const FaceSelection selection = {groups.data(), selected.data()};
+  const CellBoxes boxes(mesh);
+  for (const int threads : {1, 2}) {
+    const ThreadLimit limit(threads);
+    for (const int windows : {1, 3}) {
+      const std::vector<CameraWindow> views(windows, LookingDown(60, 0.5));
+      const std::vector<MeshPart> parts(windows, boxes.InWindow(views[0], kNearPlane_m));
+      std::vector<FaceMap> all, some;
+      Rasterizer rasterizer;
+      rasterizer.DrawParts(mesh, parts, views, &all);
+      rasterizer.DrawParts(mesh, parts, views, &some, kNearPlane_m, std::vector<FaceSelection>(windows, selection));
+      int hidden = 0, unbounded = 0;
+      for (size_t i = 0; i < all[0].face.size(); ++i) {
+        const int32_t face = all.back().face[i];
+        const bool named = face < 0 || groups[face] != 1;
+        EXPECT_EQ(some.back().face[i], named ? face : kNotSelected);
+        hidden += !named;
+        unbounded += face >= static_cast<int32_t>(bounded);
+      }
+      EXPECT_EQ(some.back().depth, all.back().depth);
+      EXPECT_GT(hidden, 1000);
+      EXPECT_GT(unbounded, 10);
+    }
+  }
+}
+
 TEST(Rasterizer, MatchesRayCasting) {
   const TriangleMesh mesh = Terrain(24, 30, 8, 3);
   const PosedCamera camera = LookingDown(60, 0.5);

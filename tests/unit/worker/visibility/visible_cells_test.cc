@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
 #include "common/base/random.h"
@@ -104,6 +105,28 @@ TEST(FindVisibleCells, ContainsAllCellsThatOwnPixelsCanDependOn) {
   EXPECT_GT(own_pixels, 300);
   EXPECT_GT(partners, 300);
   EXPECT_GT(left_out, 100) << "the test is void: nearly every cell is visible";
+}
+
+TEST(ForRanges, CoversEachElementOnce) {
+  Random random(5);
+  for (const int64_t grain : {1, 3, 50, 1000}) {
+    std::vector<std::array<uint32_t, 2>> ranges;
+    std::vector<std::atomic<int>> visits(2000);
+    std::vector<int> expected(2000, 0);
+    for (uint32_t at = 0; at < 1900;) {
+      const auto first = at + static_cast<uint32_t>(random.Uniform() * 20);
+      const auto last = first + static_cast<uint32_t>(random.Uniform() * 80);
+      ranges.push_back({first, last});
+      for (uint32_t i = first; i < last; ++i) expected[i] = 1;
+      at = last;
+    }
+    ForRanges(ranges, grain, [&](int64_t begin, int64_t end) {
+      EXPECT_LE(end - begin, grain);
+      for (int64_t i = begin; i < end; ++i) ++visits[i];
+    });
+    for (size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(visits[i], expected[i]) << i;
+  }
+  ForRanges({}, 10, [](int64_t, int64_t) { FAIL(); });
 }
 
 }  // namespace
