@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "common/base/parallel.h"
 #include "worker/photo/contour_profile.h"
 
 namespace tessera {
@@ -15,6 +16,7 @@ using Eigen::Vector3d;
 
 constexpr double kCurvaturePerPx2 = 0.5;  // factor of w ρ(d)
 constexpr double kMaxPull_px = 2;         // the pull does not grow beyond this distance
+constexpr int64_t kFaceGrain = 1024;
 
 FaceContour NoContour(uint32_t face) {
   FaceContour contour;
@@ -213,30 +215,40 @@ std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vecto
 }
 
 ContourSums AddContours(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids) {
-  struct Entry {
-    uint32_t face;
-    size_t view;
-    const FaceContour* contour;
-  };
-  std::vector<Entry> entries;
-  for (size_t v = 0; v < views.size(); ++v) {
-    for (const FaceContour& contour : views[v]) entries.push_back({contour.face, v, &contour});
+  // Sorts by face, keeping the order of the views. The contours of a view ascend.
+  uint32_t faces = 0;
+  for (const std::vector<FaceContour>& view : views) {
+    if (!view.empty()) faces = std::max(faces, view.back().face + 1);
   }
-  std::stable_sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.face < b.face; });
+  std::vector<uint32_t> begin(faces + 1, 0);  // of each face's contours
+  for (const std::vector<FaceContour>& view : views) {
+    for (const FaceContour& contour : view) ++begin[contour.face + 1];
+  }
   ContourSums sums;
-  for (size_t i = 0; i < entries.size();) {
-    FaceContour sum = NoContour(entries[i].face);
-    sum.views_begin = static_cast<uint32_t>(sums.views.size());
-    for (; i < entries.size() && entries[i].face == sum.face; ++i) {
-      for (int c = 0; c < 3; ++c) {
-        sum.gradient[c] += entries[i].contour->gradient[c];
-        sum.curvature[c] += entries[i].contour->curvature[c];
-      }
-      sums.views.push_back(view_ids[entries[i].view]);
-    }
-    sum.views_end = static_cast<uint32_t>(sums.views.size());
-    sums.faces.push_back(sum);
+  for (uint32_t f = 0; f < faces; ++f) {
+    if (begin[f + 1] > 0) sums.faces.push_back(NoContour(f));
+    begin[f + 1] += begin[f];
   }
+  std::vector<const FaceContour*> contours(begin.back());
+  sums.views.resize(begin.back());
+  std::vector<uint32_t> next = begin;
+  for (size_t v = 0; v < views.size(); ++v) {
+    for (const FaceContour& contour : views[v]) {
+      sums.views[next[contour.face]] = view_ids[v];
+      contours[next[contour.face]++] = &contour;
+    }
+  }
+  ParallelForEach(sums.faces.size(), kFaceGrain, [&](size_t i) {
+    FaceContour& sum = sums.faces[i];
+    sum.views_begin = begin[sum.face];
+    sum.views_end = begin[sum.face + 1];
+    for (uint32_t k = sum.views_begin; k < sum.views_end; ++k) {
+      for (int c = 0; c < 3; ++c) {
+        sum.gradient[c] += contours[k]->gradient[c];
+        sum.curvature[c] += contours[k]->curvature[c];
+      }
+    }
+  });
   return sums;
 }
 

@@ -22,10 +22,13 @@ PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_o
   std::vector<Vector3d> normals(mesh.faces.size());
   ParallelForEach(normals.size(), kGrain, [&](size_t f) { normals[f] = FaceNormal(mesh, f); });
   std::vector<uint8_t> at_contour;
+  std::vector<int32_t> contour_of_face;  // -1: none
   if (!contours.faces.empty()) {
     at_contour.assign(mesh.vertices.size(), 0);
-    for (const FaceContour& contour : contours.faces) {
-      for (const uint32_t v : mesh.faces[contour.face]) at_contour[v] = 1;
+    contour_of_face.assign(mesh.faces.size(), -1);
+    for (size_t i = 0; i < contours.faces.size(); ++i) {
+      contour_of_face[contours.faces[i].face] = static_cast<int32_t>(i);
+      for (const uint32_t v : mesh.faces[contours.faces[i].face]) at_contour[v] = 1;
     }
   }
   const size_t n = mesh.vertices.size();
@@ -33,7 +36,7 @@ PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_o
   out.gradient.resize(n);
   out.curvature.resize(n);
   out.pairs.resize(n);
-  ParallelForEach(n, kGrain, [&](size_t v) {
+  const auto gather = [&](size_t v, std::vector<int32_t>* buffer) {
     Vector3d gradient = Vector3d::Zero();
     Matrix3d curvature = Matrix3d::Zero();
     float pairs = 0, seen_faces = 0;
@@ -55,22 +58,26 @@ PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_o
     if (at_contour.empty() || !at_contour[v]) return;
     Vector3d pull = Vector3d::Zero();
     Matrix3d stiffness = Matrix3d::Zero();
-    std::vector<int32_t> views;
+    std::vector<int32_t>& views = *buffer;
+    views.clear();
     for (const uint32_t f : faces_of_vertex[v]) {
-      const auto contour = std::lower_bound(contours.faces.begin(), contours.faces.end(), f,
-                                            [](const FaceContour& a, uint32_t face) { return a.face < face; });
-      if (contour == contours.faces.end() || contour->face != f) continue;
+      if (contour_of_face[f] < 0) continue;
+      const FaceContour& contour = contours.faces[contour_of_face[f]];
       const int c = CornerOf(mesh.faces[f], v);
-      pull += contour->gradient[c];
-      stiffness += contour->Curvature(c);
-      views.insert(views.end(), contours.views.begin() + contour->views_begin,
-                   contours.views.begin() + contour->views_end);
+      pull += contour.gradient[c];
+      stiffness += contour.Curvature(c);
+      views.insert(views.end(), contours.views.begin() + contour.views_begin,
+                   contours.views.begin() + contour.views_end);
     }
     std::sort(views.begin(), views.end());
     const auto count = std::unique(views.begin(), views.end()) - views.begin();
     if (count == 0) return;
     out.gradient[v] += pull / static_cast<double>(count);
     out.curvature[v] += stiffness / static_cast<double>(count);
+  };
+  ParallelFor(static_cast<int64_t>(n), kGrain, [&](int64_t begin, int64_t end) {
+    std::vector<int32_t> views;
+    for (int64_t v = begin; v < end; ++v) gather(static_cast<size_t>(v), &views);
   });
   return out;
 }
