@@ -3,7 +3,11 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cmath>
+#include <new>
+#include <thread>
+#include <vector>
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
@@ -36,6 +40,61 @@ TEST(ParallelForTest, VisitsEachIndexOnce) {
   });
   for (const auto& count : visits) EXPECT_EQ(count, 1);
   ParallelFor(0, 10, [](int64_t, int64_t) { FAIL(); });
+}
+
+TEST(ParallelForTest, VisitsEachIndexOfNestedLoopsOnce) {
+  const ThreadLimit limit(4);
+  for (int repeat = 0; repeat < 200; ++repeat) {
+    std::vector<std::atomic<int>> visits(64 * 16);
+    ParallelForEach(64, 1, [&](int64_t i) { ParallelForEach(16, 1, [&](int64_t k) { ++visits[16 * i + k]; }); });
+    for (const auto& count : visits) ASSERT_EQ(count, 1) << repeat;
+  }
+}
+
+TEST(ParallelForTest, RunsOnAsManyThreadsAsAllowed) {
+  for (const int threads : {1, 2, 4}) {
+    const ThreadLimit limit(threads);
+    std::atomic<int> running = 0, most = 0;
+    // A thread of the pool may be late, so a loop alone need not reach the limit.
+    for (int repeat = 0; repeat < 100 && most < threads; ++repeat) {
+      ParallelForEach(threads, 1, [&](int64_t) {
+        const int now = ++running;
+        for (int seen = most; seen < now && !most.compare_exchange_weak(seen, now);) {
+        }
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        --running;
+      });
+    }
+    EXPECT_EQ(most, threads);
+  }
+}
+
+TEST(ParallelForTest, LoopsOfSeveralThreadsEnd) {
+  const ThreadLimit limit(4);
+  std::atomic<int64_t> sum = 0;
+  {
+    std::vector<std::jthread> callers;
+    for (int t = 0; t < 4; ++t) {
+      callers.emplace_back([&] {
+        for (int repeat = 0; repeat < 500; ++repeat) ParallelForEach(8, 1, [&](int64_t i) { sum += i; });
+      });
+    }
+  }
+  EXPECT_EQ(sum, 4 * 500 * 28);
+}
+
+TEST(ParallelForTest, AnExceptionReachesTheCaller) {
+  const ThreadLimit limit(4);
+  for (int repeat = 0; repeat < 100; ++repeat) {
+    EXPECT_THROW(ParallelForEach(100, 1,
+                                 [&](int64_t i) {
+                                   if (i % 10 == 3) throw std::bad_alloc();
+                                 }),
+                 std::bad_alloc);
+  }
+  std::atomic<int> visits = 0;
+  ParallelForEach(100, 1, [&](int64_t) { ++visits; });
+  EXPECT_EQ(visits, 100);
 }
 
 TEST(ItemsAtOnceTest, AreOneAThreadWithinTheBatchsMemory) {
