@@ -75,7 +75,7 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
   const TaskFunction* const function = FindFunction(request.kind);
   if (function == std::end(kFunctions)) return UnknownKind(request.kind);
   const SystemClock clock;
-  if (!function->opens_workspace) TileWorkspace::TrimIdle();
+  if (!function->opens_workspace) TrimIdleWorkspaces();
   try {
     StatusOr<TaskOutcome> outcome = function->run(request, control, clock);
     if (!outcome.ok()) {

@@ -61,7 +61,7 @@ StatusOr<std::shared_ptr<TileWorkspace>> TileWorkspace::Open(const std::string& 
   });
 }
 
-void TileWorkspace::TrimIdle() { IdleWorkspaces().Trim(); }
+void TrimIdleWorkspaces() { IdleWorkspaces().Trim(); }
 
 StatusOr<TileImages*> TileWorkspace::Images(const std::string& views_path, const TileRefineOptions& options) {
   TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(views_path));

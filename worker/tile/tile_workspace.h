@@ -97,8 +97,6 @@ class TileWorkspace {
   // `options_key`, if it is still in memory. The caller owns it exclusively; its release returns it for later tasks.
   // Thread-safe. Errors as ReadTilePackage.
   static StatusOr<std::shared_ptr<TileWorkspace>> Open(const std::string& path, const std::string& options_key);
-  // Drops workspaces in memory down to the bound. The most recent one may exceed it until a call of this or of Open.
-  static void TrimIdle();
 
   const TilePackage& package() const { return package_; }
 
@@ -182,6 +180,10 @@ class TileWorkspace {
   std::unique_ptr<RegionRepair> repair_;  // refers to its region
   KeptSnapshot snapshot_;
 };
+
+// Drops workspaces that TileWorkspace::Open keeps, down to the bound on their memory. The most recently used one may
+// exceed it until a call of this or of Open. Thread-safe.
+void TrimIdleWorkspaces();
 
 // Identifies the contents of the files at `paths`. NOT_FOUND if one does not exist.
 StatusOr<std::string> StatesKey(const std::vector<std::string>& paths);

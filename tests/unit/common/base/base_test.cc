@@ -52,16 +52,16 @@ TEST(ParallelForTest, VisitsEachIndexOfNestedLoopsOnce) {
 }
 
 TEST(ParallelForTest, RunsOnAsManyThreadsAsAllowed) {
-  for (const int threads : {1, 2, 4}) {
+  for (const int threads : {1, 2, 4, 2}) {
     const ThreadLimit limit(threads);
     std::atomic<int> running = 0, most = 0;
     // A thread of the pool may be late, so a loop alone need not reach the limit.
     for (int repeat = 0; repeat < 100 && most < threads; ++repeat) {
-      ParallelForEach(threads, 1, [&](int64_t) {
+      ParallelForEach(8, 1, [&](int64_t) {
         const int now = ++running;
         for (int seen = most; seen < now && !most.compare_exchange_weak(seen, now);) {
         }
-        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        std::this_thread::sleep_for(std::chrono::milliseconds(10));
         --running;
       });
     }
@@ -69,18 +69,31 @@ TEST(ParallelForTest, RunsOnAsManyThreadsAsAllowed) {
   }
 }
 
-TEST(ParallelForTest, LoopsOfSeveralThreadsEnd) {
-  const ThreadLimit limit(4);
-  std::atomic<int64_t> sum = 0;
-  {
-    std::vector<std::jthread> callers;
-    for (int t = 0; t < 4; ++t) {
-      callers.emplace_back([&] {
-        for (int repeat = 0; repeat < 500; ++repeat) ParallelForEach(8, 1, [&](int64_t i) { sum += i; });
-      });
+TEST(ParallelForTest, LoopsOfSeveralCallersShareTheHelpers) {
+  for (const int threads : {4, 2}) {
+    const ThreadLimit limit(threads);
+    std::atomic<int64_t> sum = 0;
+    std::atomic<int> running = 0, most = 0;
+    {
+      std::vector<std::jthread> callers;
+      for (int t = 0; t < 4; ++t) {
+        callers.emplace_back([&] {
+          for (int repeat = 0; repeat < 50; ++repeat) {
+            ParallelForEach(8, 1, [&](int64_t i) {
+              const int now = ++running;
+              for (int seen = most; seen < now && !most.compare_exchange_weak(seen, now);) {
+              }
+              std::this_thread::sleep_for(std::chrono::microseconds(200));
+              sum += i;
+              --running;
+            });
+          }
+        });
+      }
     }
+    EXPECT_EQ(sum, 4 * 50 * 28);
+    EXPECT_LE(most, 4 + threads - 1);
   }
-  EXPECT_EQ(sum, 4 * 500 * 28);
 }
 
 TEST(ParallelForTest, AnExceptionReachesTheCaller) {
