@@ -7,6 +7,7 @@
 #include <list>
 #include <mutex>
 #include <set>
+#include <system_error>
 #include <thread>
 
 #include "common/base/machine_limits.h"
@@ -17,9 +18,9 @@ namespace {
 constexpr double kBatch_bytes = 256 << 20;
 constexpr int kMostAtOnce = 16;
 
-// Pauses of a thread before it sleeps, about 50 us together: loops often follow each other at once. oneTBB's threads
-// look for work several times longer and call sched_yield meanwhile, which took 3 % of the processor time of an untiled
-// job and 6 % of one in tiles.
+// Pauses of a thread before it sleeps, at most about 50 us together: loops often follow each other at once. oneTBB's
+// threads look for work several times longer and call sched_yield meanwhile, which took 3 % of the processor time of an
+// untiled job and 6 % of one in tiles.
 constexpr int kPauses = 1000;
 
 void Pause() {
@@ -105,8 +106,9 @@ class Loop {
   std::exception_ptr error_;  // the first
 };
 
-// Threads that help with loops. They are created when a loop first needs them, and kept. A thread that waits for the
-// end of its loop helps with others meanwhile, so loops may be nested.
+// Threads that help with loops. They are created when a loop first needs them, and kept. A thread that has no more
+// chunks of its loop waits for its helpers and takes no chunks of other loops meanwhile: it may hold what these need.
+// Loops may be nested; one that finds no idle thread runs on its own.
 class Pool {
  public:
   void Run(int64_t chunks, const std::function<void(int64_t)>& run) {
@@ -130,7 +132,7 @@ class Pool {
       const std::lock_guard lock(mutex_);
       loops_.push_back(loop);
       ++opened_;
-      for (; threads_ < helpers; ++threads_) std::thread([this, number = threads_ + 1] { Serve(number); }).detach();
+      AddThreads(helpers);
       wanted = std::min<int64_t>({chunks - 1, helpers, sleeping_});
       all = wanted == sleeping_;
     }
@@ -144,16 +146,17 @@ class Pool {
   void Close(Loop* loop) {
     std::unique_lock lock(mutex_);
     loops_.remove(loop);
-    while (loop->helpers > 0) {
-      if (Loop* const other = FindWork()) {
-        Help(other, 0, lock);
-        continue;
-      }
-      const int64_t seen = opened_;
-      lock.unlock();
-      for (int i = 0; i < kPauses && loop->helpers > 0 && opened_ == seen; ++i) Pause();
-      lock.lock();
-      if (loop->helpers > 0 && opened_ == seen) ended_.wait(lock);
+    lock.unlock();
+    for (int i = 0; i < kPauses && loop->helpers > 0; ++i) Pause();
+    lock.lock();
+    ended_.wait(lock, [&] { return loop->helpers == 0; });
+  }
+
+  // Fewer if the system allows no more: the loop then runs on those that there are.
+  void AddThreads(int wanted) {
+    try {
+      for (; threads_ < wanted; ++threads_) std::thread([this, number = threads_ + 1] { Serve(number); }).detach();
+    } catch (const std::system_error&) {
     }
   }
 

@@ -53,7 +53,7 @@ std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vecto
                                       const std::vector<uint8_t>& own, const PhotoView& view, const FaceMap& map,
                                       const ContourOptions& options);
 
-// Sums the views in their order. `view_ids`: the job's id of each.
+// Sums the views in their order; the contours of each ascend in their faces. `view_ids`: the job's id of each.
 ContourSums AddContours(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids);
 
 }  // namespace tessera

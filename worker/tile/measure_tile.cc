@@ -90,7 +90,10 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
         std::vector<uint16_t> luminance;
         KeepLit(levels[i]->rect, Read(*levels[i], levels[i]->luminance, &luminance), &maps[i]);
       }
-      levels[i]->likelihoods = Read(*levels[i], levels[i]->likelihoods, &likelihoods[i]);
+      // Likelihoods finer than the photograph would exceed the bound of the batch.
+      if (levels[i]->likelihood_values() <= levels[i]->pixels() * static_cast<size_t>(sums.classes)) {
+        levels[i]->likelihoods = Read(*levels[i], levels[i]->likelihoods, &likelihoods[i]);
+      }
     });
     for (const auto& level : levels) TESSERA_RETURN_IF_ERROR(level.status());
     const int shares = std::min(ThreadCount(), kMostShares);
