@@ -9,7 +9,9 @@
 #include <set>
 #include <system_error>
 #include <thread>
+#include <typeinfo>
 
+#include "common/base/loops/loop_recorder.h"
 #include "common/base/machine_limits.h"
 
 namespace tessera {
@@ -207,8 +209,10 @@ class Pool {
   int busy_ = 0;                     // threads of the pool in loops
 };
 
-void ForEachChunk(int64_t chunks, const std::function<void(int64_t)>& run) {
+// `body`: the type of the loop's body.
+void ForEachChunk(int64_t chunks, const std::function<void(int64_t)>& run, const std::type_info& body) {
   static Pool* const pool = new Pool;
+  if (LoopRecorder* const recorder = LoopRecorder::OfThisThread()) return recorder->Run(chunks, run, body);
   pool->Run(chunks, run);
 }
 
@@ -216,14 +220,18 @@ void ForEachChunk(int64_t chunks, const std::function<void(int64_t)>& run) {
 
 void ParallelFor(int64_t count, int64_t grain, const std::function<void(int64_t, int64_t)>& body) {
   const int64_t step = std::max<int64_t>(grain, 1);
-  ForEachChunk((count + step - 1) / step,
-               [&](int64_t chunk) { body(chunk * step, std::min(count, (chunk + 1) * step)); });
+  ForEachChunk(
+      (std::max<int64_t>(count, 0) + step - 1) / step,
+      [&](int64_t chunk) { body(chunk * step, std::min(count, (chunk + 1) * step)); }, body.target_type());
 }
 
 double ParallelSum(int64_t count, int64_t grain, const std::function<double(int64_t, int64_t)>& body) {
   const int64_t step = std::max<int64_t>(grain, 1);
   std::vector<double> partial((std::max<int64_t>(count, 0) + step - 1) / step);
-  ParallelFor(count, step, [&](int64_t begin, int64_t end) { partial[begin / step] = body(begin, end); });
+  ForEachChunk(
+      static_cast<int64_t>(partial.size()),
+      [&](int64_t chunk) { partial[chunk] = body(chunk * step, std::min(count, (chunk + 1) * step)); },
+      body.target_type());
   double sum = 0;
   for (double part : partial) sum += part;
   return sum;
