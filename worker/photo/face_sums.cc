@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <span>
 
 #include "common/base/parallel.h"
 
@@ -14,6 +15,7 @@ namespace {
 constexpr int64_t kVertexGrain = 8192;
 // What belongs to the faces of a strip is scattered in memory. It is prefetched this many pixels or faces ahead.
 constexpr int kFar = 16, kNear = 8;
+constexpr size_t kPieceParts = 1024;  // that are added by one thread
 
 void Add(const FaceSums& part, float pixels, FaceSums* total) {
   for (int c = 0; c < 3; ++c) {
@@ -26,17 +28,24 @@ void Add(const FaceSums& part, float pixels, FaceSums* total) {
 }  // namespace
 
 void FaceGatherer::Begin(const TriangleMesh& mesh, const MeshPart& part, const PosedCamera& camera, const FaceMap& map,
-                         const std::vector<uint8_t>& own, int strips, std::vector<FaceSums>* sums) {
+                         const std::vector<uint8_t>& own, int strips, StripSums when, std::vector<FaceSums>* sums) {
   mesh_ = &mesh;
   camera_ = &camera;
   map_ = &map;
   own_ = &own;
+  when_ = when;
   sums_ = sums;
+  waiting_.resize(strips);
   shared_.resize(strips);
   corners_.resize(mesh.vertices.size());
   ForRanges(part.vertices, kVertexGrain, [&](int64_t begin, int64_t end) {
     ProjectToImage(mesh.vertices.data() + begin, end - begin, camera, kNearPlane_m, corners_.data() + begin);
   });
+}
+
+void FaceGatherer::SkipStrip(int strip) {
+  waiting_[strip].clear();
+  shared_[strip].clear();
 }
 
 void FaceGatherer::UnboundedToCorners(const FaceMoments& m, FaceSums* out) const {
@@ -177,40 +186,64 @@ void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* 
       AddRow<false>(planes, y, buffers);
     }
   }
-  std::vector<Part>& shared = shared_[strip];
+  std::vector<Part>&waiting = waiting_[strip], &shared = shared_[strip];
+  waiting.clear();
   shared.clear();
+  const bool at_once = when_ == StripSums::kAtOnce;
   const std::vector<FaceMoments>& found = buffers->found;
   for (size_t i = 0; i < found.size(); ++i) {
     if (i + kFar < found.size()) {
       const int32_t face = found[i + kFar].face;
       __builtin_prefetch(&mesh_->faces[face]);
-      __builtin_prefetch(&(*sums_)[face], 1);
-      __builtin_prefetch(&(*sums_)[face].pairs, 1);
+      if (at_once) PrefetchSums(face);
     }
     if (i + kNear < found.size()) {
       for (const uint32_t v : mesh_->faces[found[i + kNear].face]) __builtin_prefetch(&corners_[v]);
     }
     const Part part = ToCorners(found[i]);
-    if (IsWithin(part.face, planes.row_begin, planes.row_end)) {
+    if (!IsWithin(part.face, planes.row_begin, planes.row_end)) {
+      shared.push_back(part);
+    } else if (at_once) {
       Add(part.sums, part.pixels, &(*sums_)[part.face]);
     } else {
-      shared.push_back(part);
+      waiting.push_back(part);
     }
   }
 }
 
-void FaceGatherer::Finish() {
-  std::vector<Part> shared;
-  for (const std::vector<Part>& of_strip : shared_) shared.insert(shared.end(), of_strip.begin(), of_strip.end());
+void FaceGatherer::JoinStrips() {
+  joined_.clear();
+  for (const std::vector<Part>& of_strip : shared_) joined_.insert(joined_.end(), of_strip.begin(), of_strip.end());
   // Parts of a face are added in the order of the strips.
-  std::stable_sort(shared.begin(), shared.end(), [](const Part& a, const Part& b) { return a.face < b.face; });
-  for (size_t first = 0; first < shared.size();) {
-    const int32_t face = shared[first].face;
+  std::stable_sort(joined_.begin(), joined_.end(), [](const Part& a, const Part& b) { return a.face < b.face; });
+  for (size_t first = 0; first < joined_.size();) {
     float pixels = 0;
     size_t last = first;
-    for (; last < shared.size() && shared[last].face == face; ++last) pixels += shared[last].pixels;
-    for (; first < last; ++first) Add(shared[first].sums, pixels, &(*sums_)[face]);
+    for (; last < joined_.size() && joined_[last].face == joined_[first].face; ++last) pixels += joined_[last].pixels;
+    for (; first < last; ++first) joined_[first].pixels = pixels;
   }
+}
+
+void FaceGatherer::Finish() {
+  // Pieces that have no face in common.
+  std::vector<std::span<const Part>> pieces;
+  const auto cut = [&](const std::vector<Part>& parts) {
+    for (size_t begin = 0; begin < parts.size();) {
+      size_t end = std::min(parts.size(), begin + kPieceParts);
+      while (end < parts.size() && parts[end].face == parts[end - 1].face) ++end;
+      pieces.push_back(std::span(parts).subspan(begin, end - begin));
+      begin = end;
+    }
+  };
+  cut(joined_);
+  for (const std::vector<Part>& of_strip : waiting_) cut(of_strip);
+  ParallelForEach(pieces.size(), 1, [&](size_t i) {
+    const std::span<const Part> piece = pieces[i];
+    for (size_t k = 0; k < piece.size(); ++k) {
+      if (k + kFar < piece.size()) PrefetchSums(piece[k + kFar].face);
+      Add(piece[k].sums, piece[k].pixels, &(*sums_)[piece[k].face]);
+    }
+  });
 }
 
 }  // namespace tessera

@@ -46,19 +46,35 @@ struct FaceSlots {
   std::vector<int32_t> first_columns;  // of the faces found in a row
 };
 
-// Reduces one view, strip by strip. Strips may be added in any order and from any thread with the same result.
+// When strips add to the sums of their faces.
+enum class StripSums {
+  kAtOnce,  // in AddStrip
+  kWait,    // in Finish: other views come first
+};
+
+// Reduces one view, strip by strip. Strips may be added in any order and from any thread with the same result. Views
+// may be reduced at the same time if all but the first wait and they finish in their order: the sums of a face are then
+// added in the order of the views.
 class FaceGatherer {
  public:
-  // Starts a view. `map`: drawn from `camera`, of faces in `part` only. `own`: flags of the faces to sum; empty: all.
-  // `sums`: one entry per face; strips add to it. The references must stay valid until Finish.
+  // Starts a view. `map`: drawn from `camera`. `part`: contains the faces to sum of the map. `own`: flags of the faces
+  // to sum; empty: all. `sums`: one entry per face; strips add to it. The references must stay valid until Finish.
   void Begin(const TriangleMesh& mesh, const MeshPart& part, const PosedCamera& camera, const FaceMap& map,
-             const std::vector<uint8_t>& own, int strips, std::vector<FaceSums>* sums);
+             const std::vector<uint8_t>& own, int strips, StripSums when, std::vector<FaceSums>* sums);
   // Marks a strip as empty.
-  void SkipStrip(int strip) { shared_[strip].clear(); }
+  void SkipStrip(int strip);
   // Adds the planes of a finished strip. Thread-safe for different strips and slots.
   void AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* slots);
-  // Adds the faces that reach over the border of a strip.
+  // After the last strip, before Finish: prepares the faces that reach over the border of a strip. Thread-safe for
+  // different views.
+  void JoinStrips();
+  // Adds what waits, and the faces that reach over the border of a strip. Runs on all threads.
   void Finish();
+
+  // Memory that a view takes, about.
+  static double Bytes(const TriangleMesh& mesh) {
+    return static_cast<double>(sizeof(ImageVertex)) * static_cast<double>(mesh.vertices.size());
+  }
 
  private:
   // Of one strip's pixels of a face.
@@ -72,6 +88,10 @@ class FaceGatherer {
   Part ToCorners(const FaceMoments& moments) const;
   // ToCorners of a face that the rasteriser's grid does not hold.
   void UnboundedToCorners(const FaceMoments& moments, FaceSums* out) const;
+  void PrefetchSums(int32_t face) const {
+    __builtin_prefetch(&(*sums_)[face], 1);
+    __builtin_prefetch(&(*sums_)[face].pairs, 1);
+  }
   // Whether all pixel centres in the image of a face are in these rows.
   bool IsWithin(int32_t face, int row_begin, int row_end) const;
 
@@ -79,9 +99,12 @@ class FaceGatherer {
   const PosedCamera* camera_ = nullptr;
   const FaceMap* map_ = nullptr;
   const std::vector<uint8_t>* own_ = nullptr;
+  StripSums when_ = StripSums::kAtOnce;
   std::vector<FaceSums>* sums_ = nullptr;
-  std::vector<ImageVertex> corners_;       // images of the vertices
-  std::vector<std::vector<Part>> shared_;  // per strip: faces that may have pixels in other strips
+  std::vector<ImageVertex> corners_;        // images of the vertices
+  std::vector<std::vector<Part>> waiting_;  // per strip: faces that have no pixels in other strips
+  std::vector<std::vector<Part>> shared_;   // per strip: faces that may have pixels in other strips
+  std::vector<Part> joined_;                // of all strips, by face; `pixels`: of all strips
 };
 
 }  // namespace tessera

@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <iterator>
 #include <utility>
 
 #include "common/base/parallel.h"
@@ -78,23 +78,6 @@ PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const PhotoOptions& options,
   for (size_t v = 0; groups != nullptr && v < views->size(); ++v) selected_.push_back(groups->SelectedIn(v));
 }
 
-void PhotoTerm::OrderViews(const std::vector<ViewPair>& pairs) {
-  opening_.resize(views_.size());
-  std::iota(opening_.begin(), opening_.end(), size_t{0});
-  first_step_ = opening_;
-  std::vector<size_t> last_step = opening_;
-  for (const ViewPair& pair : pairs) {
-    const size_t step = static_cast<size_t>(pair.reference);
-    first_step_[pair.other] = std::min(first_step_[pair.other], step);
-    last_step[pair.other] = std::max(last_step[pair.other], step);
-  }
-  std::stable_sort(opening_.begin(), opening_.end(),
-                   [&](size_t a, size_t b) { return first_step_[a] < first_step_[b]; });
-  closing_.assign(views_.size(), {});
-  for (size_t v = 0; v < views_.size(); ++v) closing_[last_step[v]].push_back(v);
-  opened_ = 0;
-}
-
 // The best fitting buffers, so that small views do not keep large buffers.
 PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
   if (spare_.empty()) return Buffers();
@@ -112,7 +95,7 @@ PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
 void PhotoTerm::FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                          const MeshCells* cells) {
   const CellBoxes boxes(mesh, cells);
-  parts_.clear();
+  own_parts_.clear();
   target_rects_.clear();
   VisibleCellsProblem problem;
   for (size_t v = 0; v < views_.size(); ++v) {
@@ -124,7 +107,8 @@ void PhotoTerm::FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh&
   references_.resize(views_.size());
   for (size_t v = 0; v < views_.size(); ++v) references_[v].camera = views_[v].camera;
   if (own.empty() || cells == nullptr || groups_ == nullptr) {
-    for (const CameraWindow& view : problem.views) parts_.push_back(boxes.InWindow(view, kNearPlane_m));
+    parts_.resize(views_.size());
+    ParallelForEach(views_.size(), 1, [&](size_t v) { parts_[v] = boxes.InWindow(problem.views[v], kNearPlane_m); });
     return;
   }
   problem.boxes = boxes.boxes();
@@ -133,8 +117,16 @@ void PhotoTerm::FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh&
   problem.reference_margin_px = std::max(2 * options_.window.radius, options_.visitor_margin_px);
   problem.target_margin_px = 1;
   const VisibleCells visible = FindVisibleCells(problem);
+  parts_.resize(views_.size());
+  own_parts_.resize(views_.size());
+  ParallelForEach(views_.size(), 1, [&](size_t v) {
+    parts_[v] = boxes.PartOf(visible.cells[v]);
+    std::vector<uint32_t> own_cells;
+    std::set_intersection(visible.cells[v].begin(), visible.cells[v].end(), problem.own[v].begin(),
+                          problem.own[v].end(), std::back_inserter(own_cells));
+    own_parts_[v] = boxes.PartOf(own_cells);
+  });
   for (size_t v = 0; v < views_.size(); ++v) {
-    parts_.push_back(boxes.PartOf(visible.cells[v]));
     if (!views_[v].stored) continue;
     const auto window = [&](const PixelRect& needed) {
       return needed.empty() ? PixelRect() : views_[v].FromStep(needed);
@@ -144,13 +136,19 @@ void PhotoTerm::FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh&
   }
 }
 
+double PhotoTerm::OpenBytes(size_t view) const {
+  constexpr double kFaceAndDepth = 8, kTarget = 4, kLuminance = 2, kLikelihoods = 4;  // per pixel
+  const int classes = views_[view].stored ? views_[view].stored->classes : views_[view].texels.classes;
+  const double planes = (classes + Texels::kClassesPerPlane - 1) / Texels::kClassesPerPlane;
+  const double read = kFaceAndDepth + kLuminance + planes * kLikelihoods;
+  const auto pixels = [](const PixelRect& rect) { return static_cast<double>(rect.width()) * rect.height(); };
+  return (read + kTarget) * pixels(target_rects_[view]) + (IsNarrow(view) ? read * pixels(reference_rects_[view]) : 0);
+}
+
 void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit) {
-  if (opened_ == opening_.size() || first_step_[opening_[opened_]] > step) return;
-  const size_t open_until = opened_ + 2 * static_cast<size_t>(ThreadCount());
-  std::vector<size_t> open;
-  while (opened_ < opening_.size() && (opened_ < open_until || first_step_[opening_[opened_]] <= step)) {
-    if (const size_t view = opening_[opened_++]; !target_rects_[view].empty()) open.push_back(view);
-  }
+  std::vector<size_t> open = schedule_.Open(step, ThreadCount(), [&](size_t view) { return OpenBytes(view); });
+  std::erase_if(open, [&](size_t view) { return target_rects_[view].empty(); });
+  if (open.empty()) return;
   std::vector<CameraWindow> windows;
   std::vector<MeshPart> parts;
   std::vector<FaceSelection> selections;
@@ -168,20 +166,15 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
   rasterizer_.DrawParts(mesh, parts, windows, &drawn_, kNearPlane_m, selections);
   ParallelForEach(open.size(), 1, [&](int64_t i) {
     const size_t view = open[i];
-    if (!views_[view].stored) return;
-    views_[view].stored->LoadWindow(target_rects_[view], &views_[view].texels);
-    // The target's window contains the reference's.
-    const PixelRect& narrow = reference_rects_[view];
-    if (IsNarrow(view)) {
-      views_[view].texels.CropTo(narrow.x0, narrow.y0, narrow.width(), narrow.height(), &references_[view].texels);
+    if (views_[view].stored) {
+      views_[view].stored->LoadWindow(target_rects_[view], &views_[view].texels);
+      // The target's window contains the reference's.
+      const PixelRect& narrow = reference_rects_[view];
+      if (IsNarrow(view)) {
+        views_[view].texels.CropTo(narrow.x0, narrow.y0, narrow.width(), narrow.height(), &references_[view].texels);
+      }
     }
-  });
-  for (size_t i = 0; i < open.size(); ++i) {
-    const size_t view = open[i];
     SetWarpTarget(views_[view].texels, drawn_[i], views_[view].depths, &targets_[view]);
-  }
-  ParallelForEach(open.size(), 1, [&](int64_t i) {
-    const size_t view = open[i];
     if (IsNarrow(view)) {
       CropFaceMap(drawn_[i], reference_rects_[view], &maps_[view]);
     } else {
@@ -193,7 +186,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
 }
 
 void PhotoTerm::Close(size_t step) {
-  for (const size_t view : closing_[step]) {
+  for (const size_t view : schedule_.Close(step)) {
     if (target_rects_[view].empty()) continue;
     Buffers buffers = {std::move(maps_[view]), std::move(targets_[view]), {}, {}};
     if (views_[view].stored) buffers.target_texels = std::move(views_[view].texels);
@@ -208,8 +201,7 @@ void PhotoTerm::ReleaseBuffers() {
   workspaces_.clear();
   normals_ = {};
   plane_ = {};
-  offsets_ = {};
-  gatherer_ = FaceGatherer();
+  batch_buffers_ = {};
   rasterizer_ = Rasterizer();
 }
 
@@ -226,78 +218,115 @@ void PhotoTerm::ReturnWorkspace(std::unique_ptr<Workspace> workspace) {
   workspaces_.push_back(std::move(workspace));
 }
 
-void PhotoTerm::EvaluateReference(std::span<const ViewPair> pairs, const TriangleMesh& mesh,
-                                  const std::vector<uint8_t>& own, PhotoSums* out) {
-  const int i = pairs.front().reference;
-  const PhotoView& reference = ReferenceOf(i);
-  const PosedCamera& camera = reference.camera;
-  const Texels& texels = reference.texels;
-  const Vector3d centre = camera.Centre();
-  offsets_.resize(mesh.faces.size());
-  ForFaces(parts_[i], [&](int64_t f) { offsets_[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre)); });
-  std::vector<ZnccPair> warps;
-  for (const ViewPair& pair : pairs) {
-    const int j = pair.other;
-    if (target_rects_[j].empty()) continue;
-    warps.push_back(MakeZnccPair(reference, views_[j].camera, targets_[j], options_.occlusion_px));
+int PhotoTerm::StripsOf(size_t view) const {
+  if (schedule_.pairs(view).empty() || reference_rects_[view].empty()) return 0;
+  return (reference_rects_[view].height() + kStripRows - 1) / kStripRows;
+}
+
+void PhotoTerm::BeginBatch(size_t step, size_t end, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
+                           PhotoSums* out) {
+  std::vector<size_t> views;
+  for (size_t view = step; view < end; ++view) {
+    if (StripsOf(view) > 0) views.push_back(view);
   }
-  const int height = texels.height, strips = (height + kStripRows - 1) / kStripRows;
-  std::vector<ZnccSums> sums(strips);
-  gatherer_.Begin(mesh, parts_[i], camera, maps_[i], own, strips, &out->faces);
-  ParallelFor(strips, 1, [&](int64_t begin, int64_t end) {
-    std::unique_ptr<Workspace> work = TakeWorkspace();
-    ReferenceStrip& strip = work->strip;
-    for (int64_t s = begin; s < end; ++s) {
-      const int row_begin = static_cast<int>(s) * kStripRows, row_end = std::min(height, row_begin + kStripRows);
-      if (!own.empty()) {
-        // Skip strips without own pixels.
-        const auto first = maps_[i].face.begin() + static_cast<ptrdiff_t>(row_begin) * texels.width;
-        const auto last = maps_[i].face.begin() + static_cast<ptrdiff_t>(row_end) * texels.width;
-        gatherer_.SkipStrip(static_cast<int>(s));
-        if (std::find_if(first, last, [&](int32_t face) { return face >= 0 && own[face] != 0; }) == last) continue;
-      }
-      strip.Reset(texels.width, height, options_.window.radius, row_begin, row_end);
-      FillStrip(camera.intrinsics, texels, maps_[i], offsets_.data(), &strip);
-      SummarizeReference(texels, options_.window, &strip, &work->scratch);
-      for (const ZnccPair& warp : warps) {
-        sums[s].Add(AccumulateZncc(warp, options_.window, options_.semantic_weight, &strip, &work->scratch));
-      }
-      gatherer_.AddStrip(static_cast<int>(s), strip, &work->slots);
+  batch_buffers_.resize(std::max(batch_buffers_.size(), views.size()));
+  batch_ = std::span(batch_buffers_).first(views.size());
+  ParallelForEach(views.size(), 1, [&](size_t i) {
+    Reference& reference = batch_[i];
+    const size_t view = reference.view = views[i];
+    reference.strips = StripsOf(view);
+    const PhotoView& from = ReferenceOf(view);
+    const Vector3d centre = from.camera.Centre();
+    reference.offsets.resize(mesh.faces.size());
+    ForFaces(parts_[view], [&](int64_t f) {
+      reference.offsets[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre));
+    });
+    reference.warps.clear();
+    for (const ViewPair& pair : schedule_.pairs(view)) {
+      const int j = pair.other;
+      if (target_rects_[j].empty()) continue;
+      reference.warps.push_back(MakeZnccPair(from, views_[j].camera, targets_[j], options_.occlusion_px));
     }
+    reference.gatherer.Begin(mesh, own_parts_.empty() ? parts_[view] : own_parts_[view], from.camera, maps_[view], own, reference.strips,
+                             i == 0 ? StripSums::kAtOnce : StripSums::kWait, &out->faces);
+  });
+}
+
+ZnccSums PhotoTerm::EvaluateStrip(Reference& reference, int s, const std::vector<uint8_t>& own, Workspace* work) const {
+  const PhotoView& view = ReferenceOf(reference.view);
+  const FaceMap& map = maps_[reference.view];
+  const Texels& texels = view.texels;
+  const int row_begin = s * kStripRows, row_end = std::min(texels.height, row_begin + kStripRows);
+  ZnccSums sums;
+  if (!own.empty()) {
+    // Skip strips without own pixels.
+    const auto first = map.face.begin() + static_cast<ptrdiff_t>(row_begin) * texels.width;
+    const auto last = map.face.begin() + static_cast<ptrdiff_t>(row_end) * texels.width;
+    if (std::find_if(first, last, [&](int32_t face) { return face >= 0 && own[face] != 0; }) == last) {
+      reference.gatherer.SkipStrip(s);
+      return sums;
+    }
+  }
+  ReferenceStrip& strip = work->strip;
+  strip.Reset(texels.width, texels.height, options_.window.radius, row_begin, row_end);
+  FillStrip(view.camera.intrinsics, texels, map, reference.offsets.data(), &strip);
+  SummarizeReference(texels, options_.window, &strip, &work->scratch);
+  for (const ZnccPair& warp : reference.warps) {
+    sums.Add(AccumulateZncc(warp, options_.window, options_.semantic_weight, &strip, &work->scratch));
+  }
+  reference.gatherer.AddStrip(s, strip, &work->slots);
+  return sums;
+}
+
+void PhotoTerm::EvaluateBatch(const std::vector<uint8_t>& own, PhotoSums* out) {
+  struct Strip {
+    Reference* reference;
+    int strip;
+    ZnccSums sums;
+  };
+  std::vector<Strip> strips;
+  for (Reference& reference : batch_) {
+    for (int s = 0; s < reference.strips; ++s) strips.push_back({&reference, s, {}});
+  }
+  ParallelForEach(strips.size(), 1, [&](size_t i) {
+    std::unique_ptr<Workspace> work = TakeWorkspace();
+    strips[i].sums = EvaluateStrip(*strips[i].reference, strips[i].strip, own, work.get());
     ReturnWorkspace(std::move(work));
   });
-  for (const ZnccSums& part : sums) out->sums.Add(part);
-  out->warped_pixels += static_cast<int64_t>(warps.size()) * height * texels.width;
-  gatherer_.Finish();
+  for (const Strip& strip : strips) out->sums.Add(strip.sums);
+  ParallelForEach(batch_.size(), 1, [&](size_t i) { batch_[i].gatherer.JoinStrips(); });
+  for (Reference& reference : batch_) {
+    const Texels& texels = ReferenceOf(reference.view).texels;
+    out->warped_pixels += static_cast<int64_t>(reference.warps.size()) * texels.height * texels.width;
+    reference.gatherer.Finish();
+  }
 }
 
 void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                          const MeshCells* cells, const Clock* clock, PhotoSums* out, const MapVisitor& visit) {
   const double start_s = Seconds(clock);
   out->seconds_visibility = 0;
-  OrderViews(pairs);
+  schedule_ = ViewSchedule(pairs, views_.size());
   FindWork(pairs, mesh, own, cells);
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());
+  out->faces.resize(mesh.faces.size());
   ParallelForEach(mesh.faces.size(), kFaceGrain, [&](int64_t f) {
+    out->faces[f] = FaceSums();
     normals_[f] = FaceNormal(mesh, f);
     plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
   });
-  out->faces.assign(mesh.faces.size(), FaceSums());
   out->sums = ZnccSums();
   out->warped_pixels = 0;
-  size_t first = 0;
-  for (size_t step = 0; step < views_.size(); ++step) {
+  const double bytes_each = FaceGatherer::Bytes(mesh) + sizeof(float) * static_cast<double>(mesh.faces.size());
+  for (size_t step = 0; step < views_.size();) {
     const double open_s = Seconds(clock);
     Open(step, mesh, own, visit);
     out->seconds_visibility += Seconds(clock) - open_s;
-    size_t last = first;
-    while (last < pairs.size() && pairs[last].reference == static_cast<int>(step)) ++last;
-    if (last > first && !reference_rects_[step].empty()) {
-      EvaluateReference(std::span(pairs).subspan(first, last - first), mesh, own, out);
-    }
-    first = last;
-    Close(step);
+    const size_t end = schedule_.EndOfBatch(step, ThreadCount(), [&](size_t v) { return StripsOf(v); }, bytes_each);
+    BeginBatch(step, end, mesh, own, out);
+    EvaluateBatch(own, out);
+    for (; step < end; ++step) Close(step);
   }
   out->seconds_photo = Seconds(clock) - start_s - out->seconds_visibility;
 }

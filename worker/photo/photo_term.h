@@ -19,6 +19,7 @@
 #include "worker/photo/pairs.h"
 #include "worker/photo/stored_texels.h"
 #include "worker/photo/texels.h"
+#include "worker/photo/view_schedule.h"
 #include "worker/photo/warp_target.h"
 #include "worker/photo/zncc_kernel.h"
 #include "worker/visibility/rasterizer.h"
@@ -93,7 +94,8 @@ class PhotoTerm {
   // belongs to windows up to `radius` away, which contain pixels up to `radius` further.)
   // `cells`, `clock` and `visit` may be null. With `cells`, group i of `groups` must be cell i, and invisible cells are
   // not drawn (FindVisibleCells). A view is drawn when the first pair needs it and freed after the last one, so memory
-  // is bounded by the views open at the same time: views of a pair should be close in the list.
+  // is bounded by the views open at the same time: views of a pair should be close in the list. With many threads, up
+  // to ViewSchedule::kAhead_bytes of later views are open, and as much is used to evaluate several references together.
   void Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                 const MeshCells* cells, const Clock* clock, PhotoSums* out, const MapVisitor& visit = nullptr);
 
@@ -107,6 +109,14 @@ class PhotoTerm {
     ZnccScratch scratch;
     FaceSlots slots;
   };
+  // A reference that is being evaluated. Its buffers are reused by later ones.
+  struct Reference {
+    size_t view = 0;
+    int strips = 0;
+    std::vector<float> offsets;  // per face, relative to the view: n·(V0 - C)
+    std::vector<ZnccPair> warps;
+    FaceGatherer gatherer;
+  };
   // Buffers of an open view, reused by later ones.
   struct Buffers {
     FaceMap map;
@@ -119,40 +129,41 @@ class PhotoTerm {
   const PhotoView& ReferenceOf(size_t view) const { return IsNarrow(view) ? references_[view] : views_[view]; }
   std::unique_ptr<Workspace> TakeWorkspace();
   void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
-  // Sets `opening_`, `first_step_` and `closing_`.
-  void OrderViews(const std::vector<ViewPair>& pairs);
   void FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                 const MeshCells* cells);
-  // Draws the views that reference `step` needs, and some later ones so that all threads are busy.
+  // Memory of a view while it is open.
+  double OpenBytes(size_t view) const;
+  // Opens the views that reference `step` needs, if they are not open, and then some later ones (ViewSchedule).
   void Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit);
   void Close(size_t step);
-  // `pairs`: of one reference.
-  void EvaluateReference(std::span<const ViewPair> pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
-                         PhotoSums* out);
+  // Strips of a view as a reference; 0: it has no pairs or no pixels.
+  int StripsOf(size_t view) const;
+  // Sets `batch_` up for references [step, end), which are evaluated together.
+  void BeginBatch(size_t step, size_t end, const TriangleMesh& mesh, const std::vector<uint8_t>& own, PhotoSums* out);
+  // Evaluates `batch_`. The sums of a face are added in the order of the references.
+  void EvaluateBatch(const std::vector<uint8_t>& own, PhotoSums* out);
+  // A strip of a reference of `batch_`.
+  ZnccSums EvaluateStrip(Reference& reference, int strip, const std::vector<uint8_t>& own, Workspace* work) const;
 
   std::vector<PhotoView>& views_;
   PhotoOptions options_;
   const ViewGroups* groups_;
   std::vector<std::vector<uint8_t>> selected_;  // per view: ViewGroups::SelectedIn
   Rasterizer rasterizer_;
-  // Step i processes reference i. A view is open from the first step that reads it to the last. parts_: the cells of
-  // the mesh drawn per view. target_rects_, reference_rects_: the pixels read as a target and as a reference; empty:
-  // none.
-  std::vector<MeshPart> parts_;
+  ViewSchedule schedule_;
+  // parts_: the cells of the mesh drawn per view. own_parts_: of these, the cells with own faces; empty: all.
+  // target_rects_, reference_rects_: the pixels read as a target and as a reference; empty: none.
+  std::vector<MeshPart> parts_, own_parts_;
   std::vector<PixelRect> target_rects_, reference_rects_;
   std::vector<PhotoView> references_;         // of narrow views while open
   std::vector<FaceMap> drawn_;                // of views being opened
-  std::vector<size_t> opening_;               // views ordered by first step
-  std::vector<size_t> first_step_;            // per view
-  std::vector<std::vector<size_t>> closing_;  // per step: views whose last step it is
-  size_t opened_ = 0;                         // how many views of `opening_` have been opened
   std::vector<FaceMap> maps_;                 // per view while open, as references
   std::vector<WarpTarget> targets_;
   std::vector<Buffers> spare_;
   std::vector<Eigen::Vector3d> normals_;
-  std::vector<double> plane_;   // per face: n·V0
-  std::vector<float> offsets_;  // per face, relative to the current reference: n·(V0 - C)
-  FaceGatherer gatherer_;
+  std::vector<double> plane_;  // per face: n·V0
+  std::vector<Reference> batch_buffers_;
+  std::span<Reference> batch_;  // those in use
   std::mutex workspace_mutex_;
   std::vector<std::unique_ptr<Workspace>> workspaces_;
 };

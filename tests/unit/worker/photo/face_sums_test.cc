@@ -5,6 +5,7 @@
 
 #include <Eigen/Dense>
 #include <random>
+#include <tuple>
 
 #include "tests/support/draw_views.h"
 
@@ -66,7 +67,7 @@ Eigen::Vector3d Barycentric(const TriangleMesh& mesh, int32_t face, const PosedC
   return corners.inverse() * Eigen::Vector3d(z * (x + 0.5 - k.cx) / k.fx, z * (y + 0.5 - k.cy) / k.fy, z);
 }
 
-class FaceSumsTest : public testing::TestWithParam<bool> {};
+class FaceSumsTest : public testing::TestWithParam<std::tuple<bool, StripSums>> {};
 
 TEST_P(FaceSumsTest, AreTheSumsOverThePixelsOfEachFace) {
   const TriangleMesh mesh = SmallFacesAndOneThatReachesBehindTheCamera();
@@ -74,7 +75,7 @@ TEST_P(FaceSumsTest, AreTheSumsOverThePixelsOfEachFace) {
   const FaceMap map = RasterizeFaces(mesh, {camera, {0, 0, kWidth, kHeight}});
   const size_t n = mesh.faces.size();
   std::vector<uint8_t> own;
-  if (GetParam()) {
+  if (std::get<0>(GetParam())) {
     for (size_t f = 0; f < n; ++f) own.push_back(f % 3 != 0);
   }
   const MeshPart all = {{{0, static_cast<uint32_t>(n)}}, {{0, static_cast<uint32_t>(mesh.vertices.size())}}};
@@ -85,7 +86,7 @@ TEST_P(FaceSumsTest, AreTheSumsOverThePixelsOfEachFace) {
   std::mt19937 random(7);
   FaceGatherer gatherer;
   FaceSlots slots;
-  gatherer.Begin(mesh, all, camera, map, own, strips, &sums);
+  gatherer.Begin(mesh, all, camera, map, own, strips, std::get<1>(GetParam()), &sums);
   for (int s = 0; s < strips; ++s) {
     const ReferenceStrip strip =
         RandomStrip(map, s * kStripHeight, std::min(kHeight, (s + 1) * kStripHeight), &random);
@@ -104,6 +105,7 @@ TEST_P(FaceSumsTest, AreTheSumsOverThePixelsOfEachFace) {
       }
     }
   }
+  gatherer.JoinStrips();
   gatherer.Finish();
 
   int seen = 0, in_several_strips = 0;
@@ -122,7 +124,8 @@ TEST_P(FaceSumsTest, AreTheSumsOverThePixelsOfEachFace) {
   EXPECT_GT(expected[n - 1](2, 1), own.empty() || own[n - 1] ? 100 : -1) << "the face that reaches behind the camera";
 }
 
-INSTANTIATE_TEST_SUITE_P(OwnFaces, FaceSumsTest, testing::Bool());
+INSTANTIATE_TEST_SUITE_P(OwnFaces, FaceSumsTest,
+                         testing::Combine(testing::Bool(), testing::Values(StripSums::kAtOnce, StripSums::kWait)));
 
 }  // namespace
 }  // namespace tessera

@@ -232,6 +232,39 @@ TEST(PhotoTerm, ResultIsIndependentOfThreads) {
   }
 }
 
+// Many threads evaluate several references together, as far as their views are open.
+TEST(PhotoTerm, SumsOfManyReferencesAreIndependentOfThreads) {
+  Scene scene;
+  for (int i = 0; i < 8; ++i) scene.views.push_back(scene.views[i % 4]);
+  std::vector<ViewPair> pairs;
+  for (int i = 0; i < 12; ++i) {
+    for (const int other : {i - 5, i - 1, i + 1, i + 5}) {
+      if (i != 4 && other >= 0 && other < 12) pairs.push_back({i, other});
+    }
+  }
+  std::vector<uint8_t> some(scene.mesh.faces.size());
+  for (size_t f = 0; f < some.size(); ++f) some[f] = MeshSpans(scene.mesh).Centroid(f).x() > 0;
+  for (const std::vector<uint8_t>& own : {std::vector<uint8_t>(), some}) {
+    PhotoSums one;
+    {
+      ThreadLimit limit(1);
+      one = scene.Faces(pairs, own);
+    }
+    for (const int threads : {2, 3, 16}) {
+      ThreadLimit limit(threads);
+      const PhotoSums many = scene.Faces(pairs, own);
+      EXPECT_EQ(one.sums.energy, many.sums.energy);
+      EXPECT_EQ(one.warped_pixels, many.warped_pixels);
+      for (size_t f = 0; f < one.faces.size(); ++f) {
+        if (!own.empty() && !own[f]) continue;
+        ASSERT_EQ(one.faces[f].gradient, many.faces[f].gradient) << "face " << f << ", threads " << threads;
+        ASSERT_EQ(one.faces[f].curvature, many.faces[f].curvature) << "face " << f << ", threads " << threads;
+        ASSERT_EQ(one.faces[f].pairs, many.faces[f].pairs) << "face " << f << ", threads " << threads;
+      }
+    }
+  }
+}
+
 // The sums of own faces equal those of all faces, also when only the part of the mesh that their windows can show is
 // given (here: all of it).
 TEST(PhotoTerm, SumsOfOwnFacesEqualThoseOfAllFaces) {

@@ -1,0 +1,103 @@
+#include "worker/photo/view_schedule.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <numeric>
+
+namespace tessera {
+namespace {
+
+// Views in a row, each paired with those up to `reach` away.
+std::vector<ViewPair> Neighbours(int views, int reach) {
+  std::vector<ViewPair> pairs;
+  for (int i = 0; i < views; ++i) {
+    for (int j = std::max(0, i - reach); j <= std::min(views - 1, i + reach); ++j) {
+      if (j != i) pairs.push_back({i, j});
+    }
+  }
+  return pairs;
+}
+
+std::vector<size_t> Range(size_t begin, size_t end) {
+  std::vector<size_t> out(end - begin);
+  std::iota(out.begin(), out.end(), begin);
+  return out;
+}
+
+double Nothing(size_t) { return 0; }
+
+// Runs all steps. Checks that the views of all references that are evaluated are open, and open only once.
+void CheckAll(const std::vector<ViewPair>& pairs, size_t views, int threads, int strips_each, double view_bytes) {
+  ViewSchedule schedule(pairs, views);
+  std::vector<int> opened(views, 0), closed(views, 0);
+  std::vector<size_t> references;
+  for (size_t step = 0; step < views;) {
+    for (const size_t view : schedule.Open(step, threads, [&](size_t) { return view_bytes; })) ++opened[view];
+    const size_t end = schedule.EndOfBatch(step, threads, [&](size_t) { return strips_each; }, 1);
+    ASSERT_GT(end, step);
+    for (size_t reference = step; reference < end; ++reference) {
+      references.push_back(reference);
+      EXPECT_TRUE(opened[reference] == 1 && closed[reference] == 0) << reference;
+      for (const ViewPair& pair : schedule.pairs(reference)) {
+        EXPECT_EQ(pair.reference, static_cast<int>(reference));
+        EXPECT_TRUE(opened[pair.other] == 1 && closed[pair.other] == 0) << reference << " needs " << pair.other;
+      }
+    }
+    for (; step < end; ++step) {
+      for (const size_t view : schedule.Close(step)) ++closed[view];
+    }
+  }
+  EXPECT_EQ(references, Range(0, views));
+  EXPECT_EQ(opened, std::vector<int>(views, 1));
+  EXPECT_EQ(closed, opened);
+}
+
+TEST(ViewScheduleTest, TheViewsOfReferencesAreOpen) {
+  std::vector<ViewPair> some = Neighbours(20, 4);
+  std::erase_if(some, [](const ViewPair& pair) { return (pair.reference * 7 + pair.other * 3) % 4 == 0; });
+  for (const auto& pairs : {Neighbours(20, 3), some, std::vector<ViewPair>{{2, 19}, {5, 0}}, std::vector<ViewPair>()}) {
+    for (const int threads : {1, 2, 5, 64}) {
+      for (const int strips : {0, 1, 3, 50}) {
+        CheckAll(pairs, 20, threads, strips, 1);
+        CheckAll(pairs, 20, threads, strips, ViewSchedule::kAhead_bytes / 2.5);
+        CheckAll(pairs, 20, threads, strips, 2 * ViewSchedule::kAhead_bytes);
+      }
+    }
+  }
+}
+
+TEST(ViewScheduleTest, OpensTwoViewsForEachThreadTogether) {
+  const std::vector<ViewPair> pairs = Neighbours(30, 2);
+  ViewSchedule schedule(pairs, 30);
+  EXPECT_EQ(schedule.Open(0, 4, Nothing), Range(0, 8));
+  for (size_t step = 1; step < 6; ++step) EXPECT_EQ(schedule.Open(step, 4, Nothing), Range(0, 0)) << step;
+  EXPECT_EQ(schedule.Open(6, 4, Nothing), Range(8, 16));
+}
+
+TEST(ViewScheduleTest, ViewsThatAreNotNeededYetFitTheBound) {
+  const std::vector<ViewPair> pairs = Neighbours(30, 2);
+  const auto a_third = [](size_t) { return ViewSchedule::kAhead_bytes / 3; };
+  ViewSchedule schedule(pairs, 30);
+  EXPECT_EQ(schedule.Open(0, 64, a_third), Range(0, 6));  // the first three are needed
+  EXPECT_EQ(schedule.Open(4, 64, a_third), Range(6, 10));
+  ViewSchedule large(pairs, 30);
+  EXPECT_EQ(large.Open(0, 64, [](size_t) { return 2 * ViewSchedule::kAhead_bytes; }), Range(0, 3));
+}
+
+TEST(ViewScheduleTest, AFewStripsForEachThreadAreEvaluatedTogether) {
+  const std::vector<ViewPair> pairs = Neighbours(30, 2);
+  ViewSchedule schedule(pairs, 30);
+  schedule.Open(0, 100, Nothing);
+  const auto three = [](size_t) { return 3; };
+  EXPECT_EQ(schedule.EndOfBatch(0, 1, three, 1), 2u);  // 4 strips
+  EXPECT_EQ(schedule.EndOfBatch(5, 4, three, 1), 11u);  // 16 strips
+  EXPECT_EQ(schedule.EndOfBatch(5, 4, [](size_t) { return 16; }, 1), 6u);
+  EXPECT_EQ(schedule.EndOfBatch(20, 100, three, 1), 30u);
+  // The first reference does not count.
+  EXPECT_EQ(schedule.EndOfBatch(5, 100, three, ViewSchedule::kAhead_bytes / 3), 9u);
+  EXPECT_EQ(schedule.EndOfBatch(5, 100, three, 2 * ViewSchedule::kAhead_bytes), 6u);
+}
+
+}  // namespace
+}  // namespace tessera
