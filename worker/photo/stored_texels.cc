@@ -5,8 +5,13 @@
 #include <cassert>
 #include <cmath>
 
+#include "common/base/parallel.h"
+#include "common/base/uninitialized_vector.h"
+
 namespace tessera {
 namespace {
+
+constexpr int64_t kRowGrain = 256;  // rows of a window that a thread loads
 
 // Two adjacent pixels of a line and their weights.
 struct Tap {
@@ -19,6 +24,7 @@ struct LineTaps {
   int per_pixel = 1;
   std::vector<Tap> taps;
 
+  LineTaps() = default;
   // `size` pixels of the source line are available; the first is its pixel `origin`.
   LineTaps(int first, int count, double scale, double offset, int origin, int size) {
     per_pixel = std::max(1, static_cast<int>(std::lround(scale)));
@@ -36,14 +42,15 @@ struct LineTaps {
   const Tap* of(int i) const { return &taps[static_cast<size_t>(i) * per_pixel]; }
 };
 
-// Resamples class l for all of `out`, if the resolutions differ.
-void SampleClass(const StoredTexels& from, int l, const LineTaps& columns, const LineTaps& rows, Texels* out) {
+// Resamples class l for rows [row_begin, row_end) of `out`, if the resolutions differ.
+void SampleClass(const StoredTexels& from, int l, const LineTaps& columns, const LineTaps& rows, int row_begin,
+                 int row_end, Texels* out) {
   const size_t width = from.likelihood_width;
   const uint8_t* plane = from.likelihoods.data() + width * from.likelihood_height * l;
   const int shift = 8 * (l % Texels::kClassesPerPlane);
   LineVector<uint32_t>& packed = out->likelihoods[l / Texels::kClassesPerPlane];
   std::vector<float> line(width);
-  for (int y = 0; y < out->height; ++y) {
+  for (int y = row_begin; y < row_end; ++y) {
     std::fill(line.begin(), line.end(), 0.0f);
     for (int k = 0; k < rows.per_pixel; ++k) {
       const Tap& tap = rows.of(y)[k];
@@ -67,12 +74,16 @@ PixelRect Common(const PixelRect& a, const PixelRect& b) {
   return both.empty() ? PixelRect() : both;
 }
 
-// Resizes a plane of `texels` and clears everything outside `inside`, which is within the texels or empty.
+// Resizes a plane of `texels`. One spare row: a bilinear cell reads two rows.
 template <class T>
-void ClearAround(const PixelRect& inside, const Texels& texels, LineVector<T>* plane) {
-  // One spare row: a bilinear cell reads two rows.
+void ResizePlane(const Texels& texels, LineVector<T>* plane) {
   plane->resize(static_cast<size_t>(texels.stride) * (texels.height + 1));
-  for (int y = 0; y <= texels.height; ++y) {
+}
+
+// Clears everything in rows [row_begin, row_end) outside `inside`, which is within the texels or empty.
+template <class T>
+void ClearAround(const PixelRect& inside, const Texels& texels, int row_begin, int row_end, LineVector<T>* plane) {
+  for (int y = row_begin; y < row_end; ++y) {
     T* row = plane->data() + texels.Index(0, y);
     const bool crosses = y >= inside.y0 - texels.y0 && y < inside.y1 - texels.y0;
     const int begin = crosses ? inside.x0 - texels.x0 : 0, end = crosses ? inside.x1 - texels.x0 : 0;
@@ -123,13 +134,13 @@ class RowReader {
   const StoredTexels& from_;
   const std::span<const T> planes_;
   const int width_, height_, end_;
-  std::vector<T> band_;
+  UninitializedVector<T> band_;
   size_t band_first_ = 0;
   int band_begin_ = 0, band_end_ = 0;
   bool failed_ = false;
 };
 
-// Packs all classes, if the resolutions are equal.
+// Packs all classes of the rows of `both`, if the resolutions are equal.
 void InterleaveClasses(const StoredTexels& from, const PixelRect& both, Texels* out) {
   RowReader<uint8_t> reader(from, from.likelihoods, from.rect.width(), from.rect.height(), both.y1 - from.rect.y0);
   for (size_t p = 0; p < out->likelihoods.size(); ++p) {
@@ -156,6 +167,36 @@ void InterleaveClasses(const StoredTexels& from, const PixelRect& both, Texels* 
           for (int x = 0; x < width; ++x) row[x] = a[x];
       }
     }
+  }
+}
+
+// Taps of likelihoods of another resolution.
+struct LikelihoodTaps {
+  LineTaps columns, rows;
+};
+
+// Loads rows [row_begin, row_end) of `texels`, which is of `window`. `available`: the pixels of it that are stored.
+void LoadRows(const StoredTexels& from, const PixelRect& window, const PixelRect& available, const LikelihoodTaps& taps,
+              int row_begin, int row_end, Texels* texels) {
+  const PixelRect rows = {window.x0, window.y0 + row_begin, window.x1, window.y0 + row_end};
+  const PixelRect both = Common(available, rows);
+  ClearAround(both, *texels, row_begin, row_end, &texels->luminance);
+  RowReader<uint16_t> reader(from, from.luminance, from.rect.width(), from.rect.height(), both.y1 - from.rect.y0);
+  for (int y = both.y0; y < both.y1; ++y) {
+    const uint16_t* in = reader.Rows(0, 1, y - from.rect.y0)[0] + (both.x0 - from.rect.x0);
+    std::copy_n(in, both.width(), &texels->luminance[texels->Index(both.x0 - window.x0, y - window.y0)]);
+  }
+  const PixelRect nothing;
+  for (LineVector<uint32_t>& plane : texels->likelihoods) {
+    ClearAround(from.same_resolution ? both : nothing, *texels, row_begin, row_end, &plane);
+  }
+  if (from.classes == 0 || available.empty()) return;
+  if (from.same_resolution) {
+    if (!both.empty()) InterleaveClasses(from, both, texels);
+    return;
+  }
+  for (int l = 0; l < from.classes; ++l) {
+    SampleClass(from, l, taps.columns, taps.rows, row_begin, std::min(row_end, texels->height), texels);
   }
 }
 
@@ -209,28 +250,21 @@ void StoredTexels::LoadWindow(const PixelRect& window, Texels* texels) const {
   texels->height = window.height();
   texels->stride = PaddedStride(texels->width);
   texels->classes = classes;
-  const PixelRect both = Common(rect, window);
-  ClearAround(both, *texels, &texels->luminance);
-  RowReader<uint16_t> reader(*this, luminance, rect.width(), rect.height(), both.y1 - rect.y0);
-  for (int y = both.y0; y < both.y1; ++y) {
-    const uint16_t* in = reader.Rows(0, 1, y - rect.y0)[0] + (both.x0 - rect.x0);
-    std::copy_n(in, both.width(), &texels->luminance[texels->Index(both.x0 - window.x0, y - window.y0)]);
-  }
+  ResizePlane(*texels, &texels->luminance);
   texels->likelihoods.resize((classes + Texels::kClassesPerPlane - 1) / Texels::kClassesPerPlane);
-  const PixelRect nothing;
-  for (LineVector<uint32_t>& plane : texels->likelihoods)
-    ClearAround(same_resolution ? both : nothing, *texels, &plane);
-  if (classes > 0 && !both.empty()) {
-    if (same_resolution) {
-      InterleaveClasses(*this, both, texels);
-    } else {
-      const LineTaps columns(window.x0, texels->width, mapping.scale_x, mapping.offset_x, mapping.first_x,
-                             likelihood_width);
-      const LineTaps rows(window.y0, texels->height, mapping.scale_y, mapping.offset_y, mapping.first_y,
-                          likelihood_height);
-      for (int l = 0; l < classes; ++l) SampleClass(*this, l, columns, rows, texels);
-    }
+  for (LineVector<uint32_t>& plane : texels->likelihoods) ResizePlane(*texels, &plane);
+  const PixelRect available = Common(rect, window);
+  LikelihoodTaps taps;
+  if (classes > 0 && !same_resolution && !available.empty()) {
+    taps.columns = LineTaps(window.x0, texels->width, mapping.scale_x, mapping.offset_x, mapping.first_x,
+                            likelihood_width);
+    taps.rows = LineTaps(window.y0, texels->height, mapping.scale_y, mapping.offset_y, mapping.first_y,
+                         likelihood_height);
   }
+  // With the spare row.
+  ParallelFor(texels->height + 1, kRowGrain, [&](int64_t begin, int64_t end) {
+    LoadRows(*this, window, available, taps, static_cast<int>(begin), static_cast<int>(end), texels);
+  });
   if (release && (!copy || (classes > 0 && !same_resolution))) release();
 }
 
@@ -243,10 +277,13 @@ void Texels::CropTo(int left, int top, int new_width, int new_height, Texels* ou
   out->classes = classes;
   const PixelRect all = {left, top, left + new_width, top + new_height};
   const auto copy = [&](const auto& from, auto* to) {
-    ClearAround(all, *out, to);
-    for (int y = 0; y < new_height; ++y) {
-      std::copy_n(&from[Index(left - x0, top - y0 + y)], new_width, &(*to)[out->Index(0, y)]);
-    }
+    ResizePlane(*out, to);
+    ParallelFor(new_height + 1, kRowGrain, [&](int64_t begin, int64_t end) {
+      ClearAround(all, *out, static_cast<int>(begin), static_cast<int>(end), to);
+      for (int y = static_cast<int>(begin); y < std::min<int64_t>(end, new_height); ++y) {
+        std::copy_n(&from[Index(left - x0, top - y0 + y)], new_width, &(*to)[out->Index(0, y)]);
+      }
+    });
   };
   copy(luminance, &out->luminance);
   out->likelihoods.resize(likelihoods.size());

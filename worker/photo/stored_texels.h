@@ -42,14 +42,14 @@ struct StoredTexels : TexelShape {
   std::span<const uint8_t> likelihoods;  // one plane per class, likelihood · Texels::kLikelihoodSteps
   std::function<void()> release;         // optional hint: the pixels are not needed for a while
   // Optional, of a mapped file: copies bytes of the two arrays from the file, so that LoadWindow maps no pages. Mapping
-  // and releasing them takes longer than copying. False if the file cannot be read.
+  // and releasing them takes longer than copying. False if the file cannot be read. Called from several threads.
   std::function<bool(const void* from, size_t size_bytes, void* to)> copy;
 
   // The same with the pixel origin moved to pixel (x, y) of the level's image.
   StoredTexels WithOrigin(int x, int y) const;
   // Loads `window` (even x0 and y0) into `texels`, reusing its arrays; pixels outside `rect` are invalid. Likelihoods
   // are interpolated bilinearly if coarser than the luminance, averaged over a pixel's footprint if finer, and their
-  // border values are repeated.
+  // border values are repeated. Runs on all threads.
   void LoadWindow(const PixelRect& window, Texels* texels) const;
 
   // Arrays of Half(): rounded means of four values; a luminance is invalid if one of the four is. Integer arithmetic,

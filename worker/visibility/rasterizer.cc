@@ -65,14 +65,28 @@ struct Rasterizer::Workspace {
   std::vector<int64_t> selected;  // selected faces per chunk
   std::vector<RowRange> rows;     // per block of the list
 
-  static void Reset(const PixelRect& rect, FaceMap* map) {
+  static void Resize(const PixelRect& rect, FaceMap* map) {
     map->width = rect.width();
     map->height = rect.height();
     map->x0 = rect.x0;
     map->y0 = rect.y0;
     const size_t pixels = static_cast<size_t>(map->width) * map->height;
-    map->face.assign(pixels, -1);
-    map->depth.assign(pixels, 0);  // holds 1/z until the end of Draw
+    map->face.resize(pixels);
+    map->depth.resize(pixels);
+  }
+
+  // Before rows are drawn. `depth` holds 1/z until TakeDepths.
+  static void Clear(int row_first, int row_last, FaceMap* map) {
+    const ptrdiff_t first = static_cast<ptrdiff_t>(row_first) * map->width,
+                    last = static_cast<ptrdiff_t>(row_last) * map->width;
+    std::fill(map->face.begin() + first, map->face.begin() + last, -1);
+    std::fill(map->depth.begin() + first, map->depth.begin() + last, 0.0f);
+  }
+
+  static void TakeDepths(int row_first, int row_last, FaceMap* map) {
+    float* depth = map->depth.data();
+    const size_t last = static_cast<size_t>(row_last) * map->width;
+    for (size_t i = static_cast<size_t>(row_first) * map->width; i < last; ++i) depth[i] = 1 / depth[i];  // 0: kNothing
   }
 
   static DrawTarget Target(const Layer& layer, FaceMap* map, int row_first, int row_last) {
@@ -83,6 +97,7 @@ struct Rasterizer::Workspace {
   // One thread: draws each chunk's faces while they are in the cache.
   void DrawLayer(const Layer& layer, FaceMap* map) {
     list.resize(std::max<size_t>(list.size(), kFaceChunk));
+    Clear(0, map->height, map);
     const DrawTarget target = Target(layer, map, 0, map->height);
     for (const auto& [begin, end] : layer.faces) {
       for (int64_t first = begin; first < end; first += kFaceChunk) {
@@ -90,10 +105,11 @@ struct Rasterizer::Workspace {
         layer.Draw(list.data(), layer.Select(first, last, list.data()), target);
       }
     }
+    TakeDepths(0, map->height, map);
   }
 
   // Many threads: select faces chunk by chunk, then draw band by band.
-  void DrawLayerInBands(const Layer& layer, FaceMap* map) {
+  void DrawLayerInBands(const Layer& layer, int threads, FaceMap* map) {
     constexpr int64_t kBlocks = kFaceChunk / kListBlock;
     std::vector<std::array<int64_t, 2>> chunk_faces;
     for (const auto& [begin, end] : layer.faces) {
@@ -115,8 +131,9 @@ struct Rasterizer::Workspace {
       }
     });
     // Few bands: each band sets up again all blocks of faces that reach it.
-    const int64_t band_rows = std::max<int64_t>(kBandRows, map->height / (2 * ThreadCount()) + 1);
+    const int64_t band_rows = std::max<int64_t>(kBandRows, map->height / (2 * threads) + 1);
     ParallelFor(map->height, band_rows, [&](int64_t row_first, int64_t row_last) {
+      Clear(static_cast<int>(row_first), static_cast<int>(row_last), map);
       const DrawTarget target = Target(layer, map, static_cast<int>(row_first), static_cast<int>(row_last));
       for (int64_t chunk = 0; chunk < chunks; ++chunk) {
         const int64_t begin = chunk * kFaceChunk, count = selected[chunk];
@@ -126,6 +143,7 @@ struct Rasterizer::Workspace {
           layer.Draw(list.data() + begin + k, std::min(kListBlock, count - k), target);
         }
       }
+      TakeDepths(static_cast<int>(row_first), static_cast<int>(row_last), map);
     });
   }
 
@@ -139,17 +157,17 @@ struct Rasterizer::Workspace {
     for (const auto& [first, last] : part.vertices) project(first, last);
   }
 
+  // `threads`: that this view is divided among.
   void Draw(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, const FaceSelection& selection,
-            double near_m, bool in_parallel, FaceMap* map) {
-    Reset(window.rect, map);
-    Project(mesh, part, window, near_m, in_parallel);
+            double near_m, int threads, FaceMap* map) {
+    Resize(window.rect, map);
+    Project(mesh, part, window, near_m, threads > 1);
     const Layer layer{mesh, vertices.data(), part.faces, window, selection, near_m};
-    if (in_parallel) {
-      DrawLayerInBands(layer, map);
+    if (threads > 1) {
+      DrawLayerInBands(layer, threads, map);
     } else {
       DrawLayer(layer, map);
     }
-    for (float& value : map->depth) value = 1 / value;  // 0 gives kNothing
   }
 };
 
@@ -181,17 +199,10 @@ void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> p
                            std::span<const FaceSelection> selections) {
   maps->resize(windows.size());
   const auto selection = [&](size_t view) { return selections.empty() ? FaceSelection() : selections[view]; };
-  if (windows.size() < static_cast<size_t>(ThreadCount())) {
-    std::unique_ptr<Workspace> workspace = pool_->Take();
-    for (size_t view = 0; view < windows.size(); ++view) {
-      workspace->Draw(mesh, parts[view], windows[view], selection(view), near_m, ThreadCount() > 1, &(*maps)[view]);
-    }
-    pool_->Return(std::move(workspace));
-    return;
-  }
+  const int threads_each = ThreadCount() / std::max<int>(1, static_cast<int>(windows.size()));
   ParallelForEach(windows.size(), 1, [&](size_t view) {
     std::unique_ptr<Workspace> workspace = pool_->Take();
-    workspace->Draw(mesh, parts[view], windows[view], selection(view), near_m, false, &(*maps)[view]);
+    workspace->Draw(mesh, parts[view], windows[view], selection(view), near_m, threads_each, &(*maps)[view]);
     pool_->Return(std::move(workspace));
   });
 }

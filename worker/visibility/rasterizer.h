@@ -45,8 +45,8 @@ class Rasterizer {
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
-  // Draws parts[i] of the mesh for windows[i]. Few windows are shared between the threads in bands of rows, many are
-  // distributed over them. Parts closer than `near_m` are clipped. `selections`: of the windows' views; empty: each is
+  // Draws parts[i] of the mesh for windows[i]. The windows are distributed over the threads; if there are at least
+  // twice as many threads, each window is drawn by several, in bands of rows. Parts closer than `near_m` are clipped. `selections`: of the windows' views; empty: each is
   // selected for all faces. Faces for which a view is not selected hide others all the same.
   void DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts, std::span<const CameraWindow> windows,
                  std::vector<FaceMap>* maps, double near_m = kNearPlane_m,

@@ -338,7 +338,7 @@ TEST(RasterOracle, ResultIsIndependentOfThreadsBatchingAndReusedBuffers) {
     const ThreadLimit limit(1);
     alone_part = RasterizeFaces(mesh, part);
   }
-  for (int threads : {1, 2, 5}) {
+  for (int threads : {1, 2, 5, 16}) {
     const ThreadLimit limit(threads);
     Rasterizer rasterizer;
     std::vector<FaceMap> maps;
