@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <span>
 
 #include "common/base/parallel.h"
 #include "worker/photo/contour_profile.h"
@@ -16,7 +17,8 @@ using Eigen::Vector3d;
 
 constexpr double kCurvaturePerPx2 = 0.5;  // factor of w ρ(d)
 constexpr double kMaxPull_px = 2;         // the pull does not grow beyond this distance
-constexpr int64_t kFaceGrain = 1024;
+constexpr int64_t kRowGrain = 64;
+constexpr size_t kRangeContours = 1024;
 
 FaceContour NoContour(uint32_t face) {
   FaceContour contour;
@@ -35,6 +37,50 @@ Eigen::Matrix<double, 6, 1> Upper(const Vector3d& v) {
   return out;
 }
 
+// The contours of faces [begin, end) only.
+ContourSums AddContoursOfRange(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids,
+                               uint32_t begin, uint32_t end) {
+  const auto before = [](const FaceContour& contour, uint32_t face) { return contour.face < face; };
+  std::vector<std::span<const FaceContour>> in_range;  // per view, ascending
+  for (const std::vector<FaceContour>& view : views) {
+    const auto first = std::lower_bound(view.begin(), view.end(), begin, before);
+    in_range.emplace_back(first, std::lower_bound(first, view.end(), end, before));
+  }
+  // Sorts by face, keeping the order of the views.
+  std::vector<uint32_t> first_of(end - begin + 1, 0);  // of each face's contours
+  for (const auto& view : in_range) {
+    for (const FaceContour& contour : view) ++first_of[contour.face - begin + 1];
+  }
+  ContourSums sums;
+  for (uint32_t f = begin; f < end; ++f) {
+    const uint32_t first = first_of[f - begin], count = first_of[f - begin + 1];
+    first_of[f - begin + 1] += first;
+    if (count == 0) continue;
+    sums.faces.push_back(NoContour(f));
+    sums.faces.back().views_begin = first;
+    sums.faces.back().views_end = first + count;
+  }
+  std::vector<const FaceContour*> contours(first_of.back());
+  sums.views.resize(first_of.back());
+  std::vector<uint32_t> next = first_of;
+  for (size_t v = 0; v < views.size(); ++v) {
+    for (const FaceContour& contour : in_range[v]) {
+      const uint32_t at = next[contour.face - begin]++;
+      sums.views[at] = view_ids[v];
+      contours[at] = &contour;
+    }
+  }
+  for (FaceContour& sum : sums.faces) {
+    for (uint32_t k = sum.views_begin; k < sum.views_end; ++k) {
+      for (int c = 0; c < 3; ++c) {
+        sum.gradient[c] += contours[k]->gradient[c];
+        sum.curvature[c] += contours[k]->curvature[c];
+      }
+    }
+  }
+  return sums;
+}
+
 // Finds and measures the contours of one view.
 class ContourView {
  public:
@@ -50,24 +96,22 @@ class ContourView {
         centre_(view.camera.Centre()) {}
 
   std::vector<FaceContour> Run() {
-    std::vector<uint8_t> jumps(map_.width);
-    for (int y = 0; y < map_.height; ++y) {
-      FindJumps(y, jumps.data());
-      for (int x = 0; x < map_.width; ++x) {
-        const void* jump = std::memchr(&jumps[x], 1, jumps.size() - x);
-        if (jump == nullptr) break;
-        x = static_cast<int>(static_cast<const uint8_t*>(jump) - jumps.data());
-        if (x + 1 < map_.width) AddSide(x, y, x + 1, y);
-        if (y + 1 < map_.height) AddSide(x, y, x, y + 1);
-      }
+    // In parts, whose pulls follow each other in the order of the pixels.
+    std::vector<std::vector<Pull>> parts((map_.height + kRowGrain - 1) / kRowGrain);
+    ParallelFor(map_.height, kRowGrain, [&](int64_t begin, int64_t end) {
+      FindPulls(static_cast<int>(begin), static_cast<int>(end), &parts[begin / kRowGrain]);
+    });
+    std::vector<const Pull*> pulls;
+    for (const std::vector<Pull>& part : parts) {
+      for (const Pull& pull : part) pulls.push_back(&pull);
     }
     // Sort by face, keeping the order of the pixels.
-    std::stable_sort(pulls_.begin(), pulls_.end(), [](const Pull& a, const Pull& b) { return a.face < b.face; });
+    std::stable_sort(pulls.begin(), pulls.end(), [](const Pull* a, const Pull* b) { return a->face < b->face; });
     std::vector<FaceContour> faces;
-    for (size_t i = 0; i < pulls_.size();) {
-      FaceContour sum = NoContour(pulls_[i].face);
-      for (; i < pulls_.size() && pulls_[i].face == sum.face; ++i) {
-        const Pull& pull = pulls_[i];
+    for (size_t i = 0; i < pulls.size();) {
+      FaceContour sum = NoContour(pulls[i]->face);
+      for (; i < pulls.size() && pulls[i]->face == sum.face; ++i) {
+        const Pull& pull = *pulls[i];
         const double weight = options_.weight * kCurvaturePerPx2 * pull.measured.weight;
         const double residual = std::clamp(pull.measured.outward_px, -kMaxPull_px, kMaxPull_px);
         const Vector3d root = std::sqrt(weight) * pull.outward;
@@ -82,6 +126,29 @@ class ContourView {
   }
 
  private:
+  // The pull on the nearer face from one pair of adjacent pixels.
+  struct Pull {
+    uint32_t face = 0;
+    std::array<double, 3> share;  // barycentric coordinates
+    ContourMeasurement measured;
+    Vector3d outward;  // pixels per metre
+  };
+
+  // Between each pixel of rows [row_begin, row_end) and the next one in its row and in its column.
+  void FindPulls(int row_begin, int row_end, std::vector<Pull>* pulls) const {
+    std::vector<uint8_t> jumps(map_.width);
+    for (int y = row_begin; y < row_end; ++y) {
+      FindJumps(y, jumps.data());
+      for (int x = 0; x < map_.width; ++x) {
+        const void* jump = std::memchr(&jumps[x], 1, jumps.size() - x);
+        if (jump == nullptr) break;
+        x = static_cast<int>(static_cast<const uint8_t*>(jump) - jumps.data());
+        if (x + 1 < map_.width) AddSide(x, y, x + 1, y, pulls);
+        if (y + 1 < map_.height) AddSide(x, y, x, y + 1, pulls);
+      }
+    }
+  }
+
   size_t Index(int x, int y) const { return static_cast<size_t>(y) * map_.width + x; }
   Vector3d Ray(int x, int y) const { return view_.camera.Ray(map_.x0 + x + 0.5, map_.y0 + y + 0.5); }
   int LabelAt(size_t pixel) const {
@@ -107,7 +174,7 @@ class ContourView {
     jumps[width - 1] = IsJump(depth[width - 1], below[width - 1], gap);
   }
 
-  void AddSide(int x0, int y0, int x1, int y1) {
+  void AddSide(int x0, int y0, int x1, int y1, std::vector<Pull>* pulls) const {
     const size_t p = Index(x0, y0), q = Index(x1, y1);
     if (!IsJump(map_.depth[p], map_.depth[q], gap_)) return;
     const float nearer = std::min(map_.depth[p], map_.depth[q]);
@@ -116,9 +183,9 @@ class ContourView {
     const int a = LabelAt(p), b = LabelAt(q);
     if (a < 0 || b < 0 || a == b) return;
     if (map_.depth[p] == nearer) {
-      AddContour(x0, y0, x1, y1, a, b);
+      AddContour(x0, y0, x1, y1, a, b, pulls);
     } else {
-      AddContour(x1, y1, x0, y0, b, a);
+      AddContour(x1, y1, x0, y0, b, a, pulls);
     }
   }
 
@@ -144,7 +211,7 @@ class ContourView {
   // (x, y) is on the nearer face, (bx, by) on the farther one. Turns the measured image distance into a spring in
   // space: `outward` is the gradient of the contour's image position with respect to the point. Only this direction
   // is constrained, so the contour can still slide along the line of sight.
-  void AddContour(int x, int y, int bx, int by, int front, int behind) {
+  void AddContour(int x, int y, int bx, int by, int front, int behind, std::vector<Pull>* pulls) const {
     const int32_t face = map_.face[Index(x, y)];
     const auto corner = [&](int c) { return mesh_.Corner(face, c); };
     const Vector3d normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
@@ -168,16 +235,8 @@ class ContourView {
       const Vector3d opposite = (corner((c + 2) % 3) - corner((c + 1) % 3)).cross(point - corner((c + 1) % 3));
       pull.share[c] = std::clamp(opposite.dot(normal) / area2, 0.0, 1.0);
     }
-    pulls_.push_back(pull);
+    pulls->push_back(pull);
   }
-
-  // The pull on the nearer face from one pair of adjacent pixels.
-  struct Pull {
-    uint32_t face = 0;
-    std::array<double, 3> share;  // barycentric coordinates
-    ContourMeasurement measured;
-    Vector3d outward;  // pixels per metre
-  };
 
   const TriangleMesh& mesh_;
   const std::vector<int32_t>& labels_;
@@ -187,7 +246,6 @@ class ContourView {
   const ContourOptions& options_;
   const float gap_;  // of depth, relative to the nearer depth
   const Vector3d centre_;
-  std::vector<Pull> pulls_;
 };
 
 }  // namespace
@@ -215,39 +273,39 @@ std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vecto
 }
 
 ContourSums AddContours(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids) {
-  // Sorts by face, keeping the order of the views. The contours of a view ascend.
+  // By ranges of faces: a range has about kRangeContours contours.
   uint32_t faces = 0;
+  size_t count = 0;
   for (const std::vector<FaceContour>& view : views) {
     if (!view.empty()) faces = std::max(faces, view.back().face + 1);
+    count += view.size();
   }
-  std::vector<uint32_t> begin(faces + 1, 0);  // of each face's contours
-  for (const std::vector<FaceContour>& view : views) {
-    for (const FaceContour& contour : view) ++begin[contour.face + 1];
+  if (count == 0) return {};
+  const size_t ranges = (count + kRangeContours - 1) / kRangeContours;
+  const auto first_face = [&](size_t range) { return static_cast<uint32_t>(faces * range / ranges); };
+  std::vector<ContourSums> parts(ranges);
+  ParallelForEach(ranges, 1, [&](size_t range) {
+    parts[range] = AddContoursOfRange(views, view_ids, first_face(range), first_face(range + 1));
+  });
+  std::vector<size_t> faces_before(ranges + 1, 0), views_before(ranges + 1, 0);
+  for (size_t range = 0; range < ranges; ++range) {
+    faces_before[range + 1] = faces_before[range] + parts[range].faces.size();
+    views_before[range + 1] = views_before[range] + parts[range].views.size();
   }
   ContourSums sums;
-  for (uint32_t f = 0; f < faces; ++f) {
-    if (begin[f + 1] > 0) sums.faces.push_back(NoContour(f));
-    begin[f + 1] += begin[f];
-  }
-  std::vector<const FaceContour*> contours(begin.back());
-  sums.views.resize(begin.back());
-  std::vector<uint32_t> next = begin;
-  for (size_t v = 0; v < views.size(); ++v) {
-    for (const FaceContour& contour : views[v]) {
-      sums.views[next[contour.face]] = view_ids[v];
-      contours[next[contour.face]++] = &contour;
+  sums.faces.resize(faces_before.back());
+  sums.views.resize(views_before.back());
+  ParallelForEach(ranges, 1, [&](size_t range) {
+    const auto shift = static_cast<uint32_t>(views_before[range]);
+    FaceContour* to = sums.faces.data() + faces_before[range];
+    for (const FaceContour& contour : parts[range].faces) {
+      *to = contour;
+      to->views_begin += shift;
+      to->views_end += shift;
+      ++to;
     }
-  }
-  ParallelForEach(sums.faces.size(), kFaceGrain, [&](size_t i) {
-    FaceContour& sum = sums.faces[i];
-    sum.views_begin = begin[sum.face];
-    sum.views_end = begin[sum.face + 1];
-    for (uint32_t k = sum.views_begin; k < sum.views_end; ++k) {
-      for (int c = 0; c < 3; ++c) {
-        sum.gradient[c] += contours[k]->gradient[c];
-        sum.curvature[c] += contours[k]->curvature[c];
-      }
-    }
+    std::copy(parts[range].views.begin(), parts[range].views.end(),
+              sums.views.begin() + static_cast<ptrdiff_t>(views_before[range]));
   });
   return sums;
 }

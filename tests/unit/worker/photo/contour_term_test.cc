@@ -9,6 +9,7 @@
 #include <functional>
 
 #include "common/base/parallel.h"
+#include "common/base/random.h"
 #include "tests/support/draw_views.h"
 #include "tests/support/held_pixels.h"
 #include "tests/support/make_texels.h"
@@ -268,6 +269,60 @@ TEST(ContourTerm, CurvatureIsPositiveAtContours) {
     const double px = kFocal_px / 16;
     EXPECT_LE(d.gradient[v].norm(), 4 * values.maxCoeff() / px + 1e-9);
   }
+}
+
+// Many contours are added by ranges of faces. Each sum is that of its face alone, in the order of the views.
+TEST(ContourTerm, ContoursAreAddedPerFaceInTheOrderOfTheViews) {
+  constexpr int kViews = 5;
+  constexpr uint32_t kFaces = 3000;
+  Random random(2);
+  std::vector<std::vector<FaceContour>> views(kViews + 1);  // the last has none
+  std::vector<int32_t> ids;
+  for (int v = 0; v <= kViews; ++v) ids.push_back(40 - 3 * v);
+  for (uint32_t f = 7; f < kFaces; ++f) {
+    for (int v = 0; v < kViews; ++v) {
+      if (random.Below(3) == 0) continue;
+      FaceContour& contour = views[v].emplace_back();
+      contour.face = f;
+      for (int c = 0; c < 3; ++c) {
+        for (int k = 0; k < 3; ++k) contour.gradient[c][k] = random.Normal();
+        for (int k = 0; k < 6; ++k) contour.curvature[c][k] = random.Normal();
+      }
+    }
+  }
+  for (const int threads : {1, 4}) {
+    const ThreadLimit limit(threads);
+    const ContourSums sums = AddContours(views, ids);
+    size_t next = 0;
+    for (uint32_t f = 0; f < kFaces; ++f) {
+      std::vector<int32_t> expected_views;
+      FaceContour expected;
+      for (int c = 0; c < 3; ++c) {
+        expected.gradient[c].setZero();
+        expected.curvature[c].setZero();
+      }
+      for (int v = 0; v < kViews; ++v) {
+        const auto at = std::find_if(views[v].begin(), views[v].end(), [&](const auto& c) { return c.face == f; });
+        if (at == views[v].end()) continue;
+        expected_views.push_back(ids[v]);
+        for (int c = 0; c < 3; ++c) {
+          expected.gradient[c] += at->gradient[c];
+          expected.curvature[c] += at->curvature[c];
+        }
+      }
+      if (expected_views.empty()) continue;
+      ASSERT_LT(next, sums.faces.size());
+      const FaceContour& got = sums.faces[next++];
+      ASSERT_EQ(got.face, f);
+      ASSERT_EQ(std::vector<int32_t>(sums.views.begin() + got.views_begin, sums.views.begin() + got.views_end),
+                expected_views);
+      EXPECT_EQ(got.gradient, expected.gradient) << f;
+      EXPECT_EQ(got.curvature, expected.curvature) << f;
+    }
+    EXPECT_EQ(next, sums.faces.size());
+    EXPECT_EQ(sums.faces.back().views_end, sums.views.size());
+  }
+  EXPECT_TRUE(AddContours({{}, {}}, {1, 2}).faces.empty());
 }
 
 // The ball's size is visible only in its silhouette.
