@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/base/loops/indices_where.h"
 #include "common/base/parallel.h"
 
 namespace tessera {
@@ -14,6 +15,7 @@ using Eigen::Vector3f;
 namespace {
 
 constexpr int64_t kGrain = 4096;
+constexpr int64_t kFoldGrain = 512;
 
 Vector3d CrossAt(const Triangle& t, const std::vector<Vector3d>& at) {
   return (at[t[1]] - at[t[0]]).cross(at[t[2]] - at[t[0]]);
@@ -135,9 +137,11 @@ bool MotionGuard::KeepsOrientation(uint32_t face, const Positions& from, const P
 
 std::vector<Vector3d> MotionGuard::RepairedStart() const {
   Positions out = start_;
-  for (size_t f = 0; f < faces_.size(); ++f) {
+  const auto turns = [&](uint32_t f) {
     const Vector3d cross = CrossAt(faces_[f], start_);
-    if (cross.dot(start_normals_[f].cast<double>()) >= limits_.min_start_cosine * cross.norm()) continue;
+    return !(cross.dot(start_normals_[f].cast<double>()) >= limits_.min_start_cosine * cross.norm());
+  };
+  for (const uint32_t f : IndicesWhere(faces_.size(), kGrain, turns)) {
     for (uint32_t v : faces_[f]) out[v] = start_[v] + Braked(v, start_[v], smoothed_[v] - start_[v]);
   }
   return out;
@@ -171,15 +175,12 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
     return facing * std::sqrt(before2) < before.dot(normal) * length;
   };
   std::vector<uint8_t> folded(faces_.size());
-  ParallelForEach(faces_.size(), kGrain, [&](size_t f) { folded[f] = folds(static_cast<uint32_t>(f)); });
-  std::vector<uint32_t> bad, touched;
-  for (uint32_t f = 0; f < folded.size(); ++f) {
-    if (folded[f]) bad.push_back(f);
-  }
+  std::vector<uint32_t> touched;
+  std::vector<uint32_t> bad = IndicesWhere(faces_.size(), kGrain, [&](uint32_t f) { return folded[f] = folds(f); });
   // From here on only faces next to a changed vertex can be newly folded. First the steps are averaged over the
   // corners of folding faces, then shortened. A vertex changes once per pass, however many of its faces fold, so the
   // result does not depend on the order of faces.
-  std::vector<uint8_t> changed(mesh.vertices.size());
+  std::vector<uint8_t> changed(mesh.vertices.size()), is_touched(faces_.size());
   std::vector<uint32_t> vertices;
   Positions level;
   for (int pass = 0; pass < kFoldingPasses && !bad.empty(); ++pass) {
@@ -190,12 +191,15 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
         if (changed[v]) continue;
         changed[v] = 1;
         vertices.push_back(v);
-        touched.insert(touched.end(), faces_of_vertex_[v].begin(), faces_of_vertex_[v].end());
+        for (const uint32_t g : faces_of_vertex_[v]) {
+          if (!is_touched[g]) touched.push_back(g);
+          is_touched[g] = 1;
+        }
       }
     }
     if (pass < kSmoothingPasses) {
       level.resize(vertices.size());
-      for (size_t i = 0; i < vertices.size(); ++i) {
+      ParallelForEach(vertices.size(), kFoldGrain, [&](size_t i) {
         Vector3d sum = Vector3d::Zero();
         int corners = 0;
         for (uint32_t f : faces_of_vertex_[vertices[i]]) {
@@ -204,23 +208,21 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
           corners += 3;
         }
         level[i] = sum / corners;
-      }
-      for (size_t i = 0; i < vertices.size(); ++i) {
+      });
+      ParallelForEach(vertices.size(), kFoldGrain, [&](size_t i) {
         const uint32_t v = vertices[i];
         if (fixed_.empty() || !fixed_[v]) (*step)[v] = Braked(v, mesh.vertices[v], level[i]);
-      }
+      });
     } else {
       for (uint32_t v : vertices) (*step)[v] *= 0.5;
     }
     for (uint32_t f : bad) folded[f] = 0;
     for (uint32_t v : vertices) changed[v] = 0;
-    std::sort(touched.begin(), touched.end());
-    touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
-    ParallelForEach(touched.size(), kGrain, [&](size_t i) { folded[touched[i]] = folds(touched[i]); });
-    bad.clear();
-    for (uint32_t f : touched) {
-      if (folded[f]) bad.push_back(f);
-    }
+    bad = IndicesWhere(touched.size(), kFoldGrain, [&](uint32_t i) {
+      is_touched[touched[i]] = 0;
+      return folded[touched[i]] = folds(touched[i]);
+    });
+    for (uint32_t& f : bad) f = touched[f];
   }
 }
 

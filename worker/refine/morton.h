@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/base/parallel.h"
+
 namespace tessera {
 
 // Position of each point along a Morton curve through the points' bounding box.
@@ -27,10 +29,11 @@ inline std::vector<uint64_t> MortonKeys(const std::vector<Eigen::Vector3d>& poin
     high = high.cwiseMax(p);
   }
   const double scale = 2097151 / std::max(1e-9, (high - low).maxCoeff());
-  for (const Eigen::Vector3d& p : points) {
-    const Eigen::Vector3d at = (p - low) * scale;
-    keys.push_back(spread(at.x()) | spread(at.y()) << 1 | spread(at.z()) << 2);
-  }
+  keys.resize(points.size());
+  ParallelForEach(points.size(), 8192, [&](size_t i) {
+    const Eigen::Vector3d at = (points[i] - low) * scale;
+    keys[i] = spread(at.x()) | spread(at.y()) << 1 | spread(at.z()) << 2;
+  });
   return keys;
 }
 

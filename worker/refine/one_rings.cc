@@ -1,9 +1,17 @@
 #include "worker/refine/one_rings.h"
 
 #include <algorithm>
+#include <array>
 #include <numeric>
 
+#include "common/base/parallel.h"
+
 namespace tessera {
+namespace {
+
+constexpr int64_t kGrain = 4096;
+
+}  // namespace
 
 CsrRows FacesOfVertices(const TriangleMesh& mesh) {
   CsrRows rows;
@@ -41,29 +49,39 @@ OneRings FindOneRings(const TriangleMesh& mesh) {
   rings.begin.assign(n + 1, 0);
   rings.on_boundary.assign(n, 0);
   rings.along_boundary.resize(n);
-  rings.to.reserve(ends.size() / 2);
-  rings.inner.reserve(ends.size() / 2);
-  for (size_t v = 0; v < n; ++v) {
-    std::sort(ends.begin() + first[v], ends.begin() + first[v + 1]);
-    std::array<uint32_t, 2> along = {static_cast<uint32_t>(v), static_cast<uint32_t>(v)};
-    int rim_edges = 0;
+  // Calls body(neighbour, faces at the edge) for the neighbours of v, ascending.
+  const auto for_neighbours = [&](size_t v, const auto& body) {
     for (uint32_t i = first[v]; i < first[v + 1];) {
       uint32_t end = i;
       while (end < first[v + 1] && ends[end] == ends[i]) ++end;
-      const bool inner = end - i == 2;
-      if (!inner) {
-        rings.on_boundary[v] = 1;
-        if (rim_edges < 2) along[rim_edges] = ends[i];
-        ++rim_edges;
-      }
-      rings.to.push_back(ends[i]);
-      rings.inner.push_back(inner);
+      body(ends[i], end - i);
       i = end;
     }
+  };
+  ParallelForEach(n, kGrain, [&](size_t v) {
+    std::sort(ends.begin() + first[v], ends.begin() + first[v + 1]);
+    std::array<uint32_t, 2> along = {static_cast<uint32_t>(v), static_cast<uint32_t>(v)};
+    int rim_edges = 0;
+    for_neighbours(v, [&](uint32_t neighbour, uint32_t faces) {
+      ++rings.begin[v + 1];
+      if (faces == 2) return;
+      rings.on_boundary[v] = 1;
+      if (rim_edges < 2) along[rim_edges] = neighbour;
+      ++rim_edges;
+    });
     if (rim_edges != 2) along = {static_cast<uint32_t>(v), static_cast<uint32_t>(v)};
     rings.along_boundary[v] = along;
-    rings.begin[v + 1] = static_cast<uint32_t>(rings.to.size());
-  }
+  });
+  std::partial_sum(rings.begin.begin(), rings.begin.end(), rings.begin.begin());
+  rings.to.resize(rings.begin[n]);
+  rings.inner.resize(rings.begin[n]);
+  ParallelForEach(n, kGrain, [&](size_t v) {
+    uint32_t at = rings.begin[v];
+    for_neighbours(v, [&](uint32_t neighbour, uint32_t faces) {
+      rings.to[at] = neighbour;
+      rings.inner[at++] = faces == 2;
+    });
+  });
   return rings;
 }
 

@@ -10,6 +10,8 @@
 #include <numeric>
 #include <utility>
 
+#include "common/base/loops/indices_where.h"
+#include "common/base/loops/parallel_sort.h"
 #include "common/base/parallel.h"
 #include "worker/refine/morton.h"
 
@@ -97,12 +99,12 @@ bool FacesMeet(const TriangleMesh& mesh, uint32_t f, uint32_t g) {
 }  // namespace
 
 FaceBoxes::FaceBoxes(const TriangleMesh& mesh) {
-  std::vector<Vector3d> centroids;
-  for (size_t f = 0; f < mesh.faces.size(); ++f) centroids.push_back(MeshSpans(mesh).Centroid(f));
+  std::vector<Vector3d> centroids(mesh.faces.size());
+  ParallelForEach(centroids.size(), kGrain, [&](size_t f) { centroids[f] = MeshSpans(mesh).Centroid(f); });
   const std::vector<uint64_t> keys = MortonKeys(centroids);
   std::vector<std::pair<uint64_t, uint32_t>> coded(mesh.faces.size());
-  for (size_t f = 0; f < coded.size(); ++f) coded[f] = {keys[f], static_cast<uint32_t>(f)};
-  std::sort(coded.begin(), coded.end());
+  ParallelForEach(coded.size(), kGrain, [&](size_t f) { coded[f] = {keys[f], static_cast<uint32_t>(f)}; });
+  ParallelSort(&coded);
   for (const auto& [code, face] : coded) order_.push_back(face);
   while (leaves_ * kLeafFaces < order_.size()) leaves_ *= 2;
   Refit(mesh);
@@ -111,8 +113,8 @@ FaceBoxes::FaceBoxes(const TriangleMesh& mesh) {
 void FaceBoxes::Refit(const TriangleMesh& mesh) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const Box nothing = {{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}};
-  face_boxes_.assign(order_.size(), nothing);
-  nodes_.assign(2 * leaves_, nothing);
+  face_boxes_.resize(order_.size());
+  nodes_.resize(2 * leaves_);
   const auto widen = [](Box& box, const Box& other) {
     for (int k = 0; k < 3; ++k) {
       box.low[k] = std::min(box.low[k], other.low[k]);
@@ -131,10 +133,20 @@ void FaceBoxes::Refit(const TriangleMesh& mesh) {
       face_boxes_[i].high[k] = static_cast<float>(high + 1e-7 * std::abs(high));
     }
   });
-  for (size_t i = 0; i < order_.size(); ++i) widen(nodes_[leaves_ + i / kLeafFaces], face_boxes_[i]);
-  for (size_t n = leaves_; n-- > 1;) {
-    widen(nodes_[n], nodes_[2 * n]);
-    widen(nodes_[n], nodes_[2 * n + 1]);
+  ParallelForEach(leaves_, kGrain, [&](size_t leaf) {
+    Box box = nothing;
+    for (size_t i = leaf * kLeafFaces; i < std::min((leaf + 1) * kLeafFaces, order_.size()); ++i) {
+      widen(box, face_boxes_[i]);
+    }
+    nodes_[leaves_ + leaf] = box;
+  });
+  // Level by level, from the leaves to the root.
+  for (size_t first = leaves_ / 2; first > 0; first /= 2) {
+    ParallelForEach(first, kGrain * 2, [&](size_t i) {
+      Box box = nodes_[2 * (first + i)];
+      widen(box, nodes_[2 * (first + i) + 1]);
+      nodes_[first + i] = box;
+    });
   }
 }
 
@@ -151,12 +163,12 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
   // Leaf by leaf along the curve. A pair of two active faces is found by the earlier one.
   const auto is_active_at = [&](size_t i) { return is_active[order_[i]] != 0; };
   const auto faces_end = [&](size_t leaf) { return std::min((leaf + 1) * kLeafFaces, order_.size()); };
-  std::vector<size_t> queries;
-  for (size_t leaf = 0; leaf * kLeafFaces < order_.size(); ++leaf) {
-    bool any = false;
-    for (size_t i = leaf * kLeafFaces; i < faces_end(leaf); ++i) any |= is_active_at(i);
-    if (any) queries.push_back(leaf);
-  }
+  const std::vector<uint32_t> queries =
+      IndicesWhere((order_.size() + kLeafFaces - 1) / kLeafFaces, kGrain, [&](size_t leaf) {
+        bool any = false;
+        for (size_t i = leaf * kLeafFaces; i < faces_end(leaf); ++i) any |= is_active_at(i);
+        return any;
+      });
   const auto count = static_cast<int64_t>(queries.size());
   std::vector<std::vector<FacePair>> found(static_cast<size_t>((count + kLeafGrain - 1) / kLeafGrain));
   ParallelFor(count, kLeafGrain, [&](int64_t begin, int64_t end) {
@@ -227,13 +239,10 @@ class SurfaceRepair::Motion {
 
   // Those of the faces `tested` (flags; empty: all) that have a moving corner, ascending.
   std::vector<uint32_t> MovingFaces(const std::vector<uint8_t>& tested) const {
-    std::vector<uint32_t> out;
     const auto moves = [&](uint32_t v) { return proposed_[v] != good_[v]; };
-    for (uint32_t f = 0; f < mesh_.faces.size(); ++f) {
-      if (!tested.empty() && !tested[f]) continue;
-      if (std::any_of(mesh_.faces[f].begin(), mesh_.faces[f].end(), moves)) out.push_back(f);
-    }
-    return out;
+    return IndicesWhere(mesh_.faces.size(), kGrain, [&](uint32_t f) {
+      return (tested.empty() || tested[f]) && std::any_of(mesh_.faces[f].begin(), mesh_.faces[f].end(), moves);
+    });
   }
 
   // Applies a pass. Returns the faces that moved, ascending.
@@ -333,10 +342,7 @@ SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& 
       });
     }
     for (const FacePair& p : cut) is_defective[p[0]] = is_defective[p[1]] = 1;
-    defective.clear();
-    for (uint32_t f = 0; f < is_defective.size(); ++f) {
-      if (is_defective[f]) defective.push_back(f);
-    }
+    defective = IndicesWhere(is_defective.size(), kGrain * 8, [&](uint32_t f) { return is_defective[f] != 0; });
     if (defective.empty() || pass == kPasses.size()) break;
     ++result.passes;
     active = motion.MoveBack(defective, kPasses[pass]);

@@ -7,7 +7,9 @@
 #include <tuple>
 #include <utility>
 
+#include "common/base/loops/parallel_sort.h"
 #include "common/base/parallel.h"
+#include "common/base/uninitialized_vector.h"
 #include "worker/refine/inter_term.h"
 #include "worker/refine/morton.h"
 #include "worker/refine/smooth_term.h"
@@ -37,13 +39,13 @@ Lanes ShiftDown(const Lanes& v) { return __builtin_shufflevector(v, v, 2, 0, 1, 
 
 // A vector; its fourth lane is unspecified.
 struct Vector {
-  Lanes lanes = {0, 0, 0, 0};
+  Lanes lanes;
 };
 
 // A vertex's row of the umbrella (or of its boundary) and, in the fourth lane, the row's weight in the derivatives of
 // its neighbours.
 struct Row {
-  Lanes lanes = {0, 0, 0, 0};
+  Lanes lanes;
 
   Lanes WeightAtNeighbours() const { return Fourth(lanes); }
   void SetWeightAtNeighbours(float weight) { lanes[3] = weight; }
@@ -55,7 +57,7 @@ struct Row {
 
 // A vertex's right-hand side and, in the fourth lane, the weight of its row in its own derivative.
 struct RightSide {
-  Lanes lanes = {0, 0, 0, 0};
+  Lanes lanes;
 
   Lanes WeightOfOwnRow() const { return Fourth(lanes); }
 };
@@ -98,16 +100,22 @@ std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const 
                                   const std::vector<int>& band) {
   const std::vector<uint64_t> keys = MortonKeys(positions);
   std::vector<std::tuple<int, uint64_t, uint32_t>> keyed(positions.size());
-  for (size_t v = 0; v < positions.size(); ++v) keyed[v] = {band[v], keys[v], static_cast<uint32_t>(v)};
-  std::sort(keyed.begin(), keyed.end());
+  ParallelForEach(positions.size(), kGrain,
+                  [&](size_t v) { keyed[v] = {band[v], keys[v], static_cast<uint32_t>(v)}; });
+  ParallelSort(&keyed);
   constexpr size_t kBlock = 1024;
   std::vector<uint32_t> order(positions.size());
-  for (size_t i = 0; i < order.size(); ++i) order[i] = std::get<2>(keyed[i]);
-  for (size_t begin = 0, end = 0; begin < order.size(); begin = end) {
-    while (end < order.size() && end - begin < kBlock && band[order[end]] == band[order[begin]]) ++end;
-    std::stable_sort(order.begin() + begin, order.begin() + end,
-                     [&](uint32_t i, uint32_t j) { return rings.degree(i) < rings.degree(j); });
+  std::vector<size_t> blocks = {0};
+  for (size_t i = 0; i < order.size(); ++i) {
+    order[i] = std::get<2>(keyed[i]);
+    if (i - blocks.back() == kBlock || band[order[i]] != band[order[blocks.back()]]) blocks.push_back(i);
   }
+  blocks.push_back(order.size());
+  ParallelForEach(blocks.size() - 1, 4, [&](size_t b) {
+    std::stable_sort(order.begin() + static_cast<ptrdiff_t>(blocks[b]),
+                     order.begin() + static_cast<ptrdiff_t>(blocks[b + 1]),
+                     [&](uint32_t i, uint32_t j) { return rings.degree(i) < rings.degree(j); });
+  });
   return order;
 }
 
@@ -161,15 +169,17 @@ void SmoothTerm::MakeLayout(const std::vector<uint8_t>& active) {
     layout->band_end.back() = static_cast<uint32_t>(p + 1);
   }
   layout->slot_of.resize(start_.size());
-  for (size_t p = 0; p < start_.size(); ++p) layout->slot_of[layout->vertex_at[p]] = static_cast<uint32_t>(p);
-  layout->ring_begin.push_back(0);
-  layout->ring.reserve(rings_.to.size());
-  for (uint32_t v : layout->vertex_at) {
-    for (uint32_t e = rings_.begin[v]; e < rings_.begin[v + 1]; ++e) {
-      layout->ring.push_back(layout->slot_of[rings_.to[e]]);
-    }
-    layout->ring_begin.push_back(static_cast<uint32_t>(layout->ring.size()));
+  layout->ring_begin.assign(start_.size() + 1, 0);
+  for (size_t p = 0; p < start_.size(); ++p) {
+    layout->slot_of[layout->vertex_at[p]] = static_cast<uint32_t>(p);
+    layout->ring_begin[p + 1] = layout->ring_begin[p] + rings_.degree(layout->vertex_at[p]);
   }
+  layout->ring.resize(rings_.to.size());
+  ParallelForEach(start_.size(), kGrain, [&](size_t p) {
+    const uint32_t v = layout->vertex_at[p];
+    uint32_t* to = layout->ring.data() + layout->ring_begin[p];
+    for (uint32_t e = rings_.begin[v]; e < rings_.begin[v + 1]; ++e) *to++ = layout->slot_of[rings_.to[e]];
+  });
   layout_ = std::move(layout);
 }
 
@@ -223,7 +233,10 @@ class SmoothTerm::System {
         direction_(rhs.size()),
         step_(rhs.size()) {
     FindSpecials();
-    ParallelForEach(slots, kGrain, [&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
+    ParallelForEach(rhs.size(), kGrain, [&](size_t p) {
+      Clear(p);
+      if (p < slots) SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]);
+    });
     ForSpecials(slots, [&](Special& special) { special.rhs = rhs_[special.slot].lanes; });
   }
 
@@ -248,9 +261,12 @@ class SmoothTerm::System {
   }
 
   void TakeStep(Positions* step) const {
-    step->assign(step_.size(), Vector3d::Zero());
-    ParallelForEach(layout_.SlotsWithin(0), kGrain,
-                    [&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
+    step->resize(step_.size());
+    const size_t slots = layout_.SlotsWithin(0);
+    ParallelForEach(step_.size(), kGrain, [&](size_t p) {
+      Vector3d& to = (*step)[layout_.vertex_at[p]];
+      to = p < slots ? Vector3d(FromLanes(step_[p].lanes).cast<double>()) : Vector3d(Vector3d::Zero());
+    });
   }
 
  private:
@@ -280,17 +296,26 @@ class SmoothTerm::System {
       }
       residuals_.resize(inter_->corners.size());
     }
-    uint32_t edge_count = 0;
-    for (size_t p = 0; p < layout_.vertex_at.size(); ++p) {
-      const int32_t at = inter_ ? inter_at[p] : -1;
-      if (!term_.diagonals_[p].special && at < 0) continue;
-      Special special = {static_cast<uint32_t>(p), at};
-      special.edges_begin = edge_count;
-      if (term_.diagonals_[p].special && weights_.membrane != 0) {
-        special.edges = layout_.ring_begin[p + 1] - layout_.ring_begin[p];
+    const auto count = static_cast<int64_t>(layout_.vertex_at.size());
+    std::vector<std::vector<Special>> parts((count + kGrain - 1) / kGrain);
+    ParallelFor(count, kGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t p = begin; p < end; ++p) {
+        const int32_t at = inter_ ? inter_at[p] : -1;
+        if (!term_.diagonals_[p].special && at < 0) continue;
+        Special special = {static_cast<uint32_t>(p), at};
+        if (term_.diagonals_[p].special && weights_.membrane != 0) {
+          special.edges = layout_.ring_begin[p + 1] - layout_.ring_begin[p];
+        }
+        parts[begin / kGrain].push_back(special);
       }
-      edge_count += special.edges;
-      specials_.push_back(special);
+    });
+    uint32_t edge_count = 0;
+    for (const std::vector<Special>& part : parts) {
+      for (Special special : part) {
+        special.edges_begin = edge_count;
+        edge_count += special.edges;
+        specials_.push_back(special);
+      }
     }
     edge_weights_.resize(edge_count);
     ParallelForEach(specials_.size(), kSpecialGrain, [&](size_t i) { WeighEdges(specials_[i]); });
@@ -305,6 +330,12 @@ class SmoothTerm::System {
       if (!rings.inner[e] || (rings.on_boundary[v] && rings.on_boundary[w])) continue;
       edge_weights_[special.edges_begin + i] = static_cast<float>(weights_.membrane * term_.EdgeFactor(v, w) / 6);
     }
+  }
+
+  void Clear(size_t p) {
+    data_[p] = inverse_[p] = SymmetricBlock();
+    const Lanes zero = {0, 0, 0, 0};
+    rhs_[p].lanes = rows_[p].lanes = direction_[p].lanes = step_[p].lanes = zero;
   }
 
   void SetUp(size_t p, const Matrix3d& data, const Vector3d& rhs) {
@@ -438,10 +469,11 @@ class SmoothTerm::System {
   std::vector<Special> specials_;    // ascending by slot
   std::vector<float> edge_weights_;
   std::vector<Vector3f> residuals_;  // of inter_'s corners, weighted
-  std::vector<SymmetricBlock> data_, inverse_;
-  std::vector<RightSide> rhs_;
-  std::vector<Row> rows_;
-  std::vector<Vector> direction_, step_;
+  // Set by the constructor for the slots that are used, and zero in the others.
+  UninitializedVector<SymmetricBlock> data_, inverse_;
+  UninitializedVector<RightSide> rhs_;
+  UninitializedVector<Row> rows_;
+  UninitializedVector<Vector> direction_, step_;
 };
 
 void SmoothTerm::SolveStep(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,

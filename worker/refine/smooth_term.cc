@@ -18,7 +18,11 @@ constexpr int32_t kNoLabel = -1;
 }  // namespace
 
 SmoothTerm::SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& active)
-    : start_(mesh.vertices), faces_(mesh.faces), fixed_(fixed), rings_(FindOneRings(mesh)) {
+    : start_(mesh.vertices),
+      faces_(mesh.faces),
+      fixed_(fixed),
+      faces_of_vertex_(FacesOfVertices(mesh)),
+      rings_(FindOneRings(mesh)) {
   if (fixed_.empty()) fixed_.assign(start_.size(), 0);
   MakeLayout(active);
   SetLabels({}, {}, 0);
@@ -99,20 +103,20 @@ void SmoothTerm::Reweight(const Positions& v, const CreaseWeights& creases) {
 }
 
 std::vector<double> SmoothTerm::Bends(const Positions& v) const {
-  Positions rows, normals(v.size(), Vector3d::Zero());
+  Positions rows, crosses(faces_.size());
   Umbrella(v, &rows);
-  for (const auto& [a, b, c] : faces_) {
-    const Vector3d cross = (v[b] - v[a]).cross(v[c] - v[a]);
-    normals[a] += cross;
-    normals[b] += cross;
-    normals[c] += cross;
-  }
+  ParallelForEach(faces_.size(), kGrain, [&](size_t f) {
+    const auto& [a, b, c] = faces_[f];
+    crosses[f] = (v[b] - v[a]).cross(v[c] - v[a]);
+  });
   std::vector<double> bends(v.size(), 0);
   ParallelForEach(v.size(), kGrain, [&](size_t k) {
     if (rings_.on_boundary[k] || rings_.degree(k) == 0) return;
     double edges = 0;
     for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) edges += (v[rings_.to[e]] - v[k]).norm();
-    if (edges > 0) bends[k] = std::abs(normals[k].stableNormalized().dot(rows[k])) * rings_.degree(k) / edges;
+    Vector3d normal = Vector3d::Zero();
+    for (const uint32_t f : faces_of_vertex_[k]) normal += crosses[f];
+    if (edges > 0) bends[k] = std::abs(normal.stableNormalized().dot(rows[k])) * rings_.degree(k) / edges;
   });
   return bends;
 }

@@ -122,6 +122,7 @@ class SmoothTerm {
   Positions start_;
   std::vector<Triangle> faces_;
   std::vector<uint8_t> fixed_;
+  CsrRows faces_of_vertex_;
   OneRings rings_;
   std::vector<double> class_factor_;      // ω of each vertex, including `mixed`; empty: no labels
   std::vector<double> factor_;            // the same, after Reweight
