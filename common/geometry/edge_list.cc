@@ -2,7 +2,14 @@
 
 #include <algorithm>
 
+#include "common/base/parallel.h"
+
 namespace tessera {
+namespace {
+
+constexpr int64_t kVertexGrain = 4096;
+
+}  // namespace
 
 std::vector<FaceSide> SortedSides(const std::vector<Triangle>& faces) {
   // Counts the sides of each lower vertex, then sorts the few sides of a vertex. Several times as fast as one sort.
@@ -21,11 +28,12 @@ std::vector<FaceSide> SortedSides(const std::vector<Triangle>& faces) {
   for (uint32_t v = 0; v < vertices; ++v) end[v + 1] += end[v];
   std::vector<FaceSide> sides(3 * faces.size());
   for_sides([&](const FaceSide& side) { sides[end[side.a]++] = side; });
-  for (uint32_t v = 0, first = 0; v < vertices; first = end[v++]) {
+  ParallelForEach(vertices, kVertexGrain, [&](uint32_t v) {
+    const uint32_t first = v == 0 ? 0 : end[v - 1];
     std::sort(sides.begin() + first, sides.begin() + end[v], [](const FaceSide& x, const FaceSide& y) {
       return x.b != y.b ? x.b < y.b : x.face_corner < y.face_corner;
     });
-  }
+  });
   return sides;
 }
 

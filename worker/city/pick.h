@@ -4,15 +4,17 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/base/parallel.h"
+
 namespace tessera {
 
 // values[i] for each i of `indices`, in that order. Empty if `values` is empty: an empty array means "not available".
+// Runs on all threads.
 template <class T>
 std::vector<T> Pick(const std::vector<T>& values, const std::vector<uint32_t>& indices) {
-  std::vector<T> picked;
-  if (values.empty()) return picked;
-  picked.reserve(indices.size());
-  for (const uint32_t index : indices) picked.push_back(values[index]);
+  if (values.empty()) return {};
+  std::vector<T> picked(indices.size());
+  ParallelForEach(indices.size(), 8192, [&](size_t i) { picked[i] = values[indices[i]]; });
   return picked;
 }
 

@@ -4,8 +4,9 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "worker/city/pick.h"
+#include "common/base/parallel.h"
 #include "common/geometry/edge_list.h"
+#include "worker/city/pick.h"
 #include "worker/refine/vertex_sums.h"
 
 namespace tessera {
@@ -14,6 +15,7 @@ namespace {
 using Eigen::Vector3d;
 using nlohmann::json;
 
+constexpr int64_t kGrain = 8192;
 constexpr float kFrozenCost = 1e9f;  // of changing the label of a frozen face: more than any edges weigh
 
 json* RoundReport(const RefineStep& step, json* report) {
@@ -54,10 +56,10 @@ void SolveIteration(TileWorkspace& work, const TileStep& at, const StepSums& sum
   const std::vector<Vector3d> step = stepper.Step(
       mesh, GatherVertices(mesh, stepper.guard().faces_of_vertex(), derivatives.photo.faces, derivatives.contours),
       at.step.level, at.level_iteration, Pick(snapshot->last_step, region.vertices));
-  for (size_t v = 0; v < step.size(); ++v) {
+  ParallelForEach(step.size(), kGrain, [&](size_t v) {
     snapshot->positions[region.vertices[v]] = mesh.vertices[v] + step[v];
     snapshot->last_step[region.vertices[v]] = step[v].cast<float>();
-  }
+  });
   (*report)["warped_pixels"] = report->value("warped_pixels", int64_t{0}) + sums.warped_pixels;
   // Energies compare within one level alone.
   if (!at.finest || sums.energy < 0) return;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -22,6 +23,7 @@ using nlohmann::json;
 
 constexpr size_t kFitPoints = 3000, kFitPairs = 48, kFitPatches = 60;  // of a tile; of a pair
 constexpr int64_t kFitPixels = 12'000'000;                             // larger crops are compared on a coarser level
+constexpr int64_t kPixelGrain = 1 << 17;
 constexpr double kFitAngle_cos = 0.2;                                  // between normal and ray: 78 degrees
 constexpr double kLeastWorseShare = 0.01;                              // of the patches
 constexpr double kChangedZncc = 0.05;                                  // smaller changes are noise
@@ -127,8 +129,9 @@ StatusOr<std::unique_ptr<CropImage>> LoadCrop(const RefineView& view) {
   TESSERA_RETURN_IF_ERROR(stored.status());
   auto crop = std::make_unique<CropImage>();
   crop->luminance = FloatImage(stored->rect.width(), stored->rect.height());
-  std::transform(stored->luminance.begin(), stored->luminance.end(), crop->luminance.data.begin(), [](uint16_t code) {
-    return code == 0 ? std::nanf("") : static_cast<float>(code - 1) / Texels::kLuminanceSteps;
+  ParallelForEach(stored->luminance.size(), kPixelGrain, [&](size_t i) {
+    const uint16_t code = stored->luminance[i];
+    crop->luminance.data[i] = code == 0 ? std::nanf("") : static_cast<float>(code - 1) / Texels::kLuminanceSteps;
   });
   if (stored->release) stored->release();
   crop->view = {&crop->luminance, PyramidCamera(view.camera, level)};
@@ -171,13 +174,15 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
     }
   }
   {
-    const CoreSurface start(package.mesh.faces, package.mesh.vertices);
-    KeepSeen(start, points, images, &pairs);
-  }
-  TESSERA_RETURN_IF_ERROR(control.Check());
-  {
-    const CoreSurface result(package.mesh.faces, positions);
-    KeepSeen(result, points, images, &pairs);
+    // Each surface's ray tree is built on one thread, so that hits do not depend on the threads: both at once.
+    std::array<std::unique_ptr<CoreSurface>, 2> surfaces;
+    ParallelForEach(surfaces.size(), 1, [&](size_t i) {
+      surfaces[i] = std::make_unique<CoreSurface>(package.mesh.faces, i == 0 ? package.mesh.vertices : positions);
+    });
+    for (const auto& surface : surfaces) {
+      TESSERA_RETURN_IF_ERROR(control.Check());
+      KeepSeen(*surface, points, images, &pairs);
+    }
   }
 
   struct Compared {
@@ -195,9 +200,14 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
     const std::vector<uint32_t> chosen = EvenlyPicked(pairs[p].points, kFitPatches);
     if (chosen.empty()) continue;
     std::erase_if(crops, [&](const auto& crop) { return crop.first != views.reference && crop.first != views.other; });
+    std::vector<int> missing;
     for (const int view : {views.reference, views.other}) {
-      if (crops.contains(view)) continue;
-      TESSERA_ASSIGN_OR_RETURN(crops[view], LoadCrop(images.views[view]));
+      if (!crops.contains(view)) missing.push_back(view);
+    }
+    std::vector<StatusOr<std::unique_ptr<CropImage>>> loaded(missing.size());
+    ParallelForEach(missing.size(), 1, [&](size_t i) { loaded[i] = LoadCrop(images.views[missing[i]]); });
+    for (size_t i = 0; i < missing.size(); ++i) {
+      TESSERA_ASSIGN_OR_RETURN(crops[missing[i]], std::move(loaded[i]));
     }
     const PatchView &reference = crops.at(views.reference)->view, &other = crops.at(views.other)->view;
     std::vector<std::optional<Compared>> of_pair(chosen.size());
