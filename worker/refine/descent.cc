@@ -2,7 +2,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <span>
 
 #include "common/base/loops/indices_where.h"
 #include "common/base/parallel.h"
@@ -19,6 +21,28 @@ constexpr int64_t kFoldGrain = 512;
 
 Vector3d CrossAt(const Triangle& t, const std::vector<Vector3d>& at) {
   return (at[t[1]] - at[t[0]]).cross(at[t[2]] - at[t[0]]);
+}
+
+// The elements of neighbours(i) for all i of `indices`, each once, in any order, whose flag is not set. Sets their
+// flags.
+template <class Neighbours>
+std::vector<uint32_t> EachOnce(const std::vector<uint32_t>& indices, std::vector<uint8_t>* flags,
+                               const Neighbours& neighbours) {
+  std::vector<std::vector<uint32_t>> parts((indices.size() + kFoldGrain - 1) / kFoldGrain);
+  ParallelFor(static_cast<int64_t>(indices.size()), kFoldGrain, [&](int64_t begin, int64_t end) {
+    std::vector<uint32_t>& part = parts[static_cast<size_t>(begin / kFoldGrain)];
+    for (int64_t i = begin; i < end; ++i) {
+      for (const uint32_t k : neighbours(indices[static_cast<size_t>(i)])) {
+        std::atomic_ref<uint8_t> flag((*flags)[k]);
+        if (flag.load(std::memory_order_relaxed) == 0 && flag.exchange(1, std::memory_order_relaxed) == 0) {
+          part.push_back(k);
+        }
+      }
+    }
+  });
+  std::vector<uint32_t> all;
+  for (const std::vector<uint32_t>& part : parts) all.insert(all.end(), part.begin(), part.end());
+  return all;
 }
 
 // Boundary vertices have no smoothing term of their own, so the interior's would pull them inwards step by step. They
@@ -175,28 +199,16 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
     return facing * std::sqrt(before2) < before.dot(normal) * length;
   };
   std::vector<uint8_t> folded(faces_.size());
-  std::vector<uint32_t> touched;
   std::vector<uint32_t> bad = IndicesWhere(faces_.size(), kGrain, [&](uint32_t f) { return folded[f] = folds(f); });
   // From here on only faces next to a changed vertex can be newly folded. First the steps are averaged over the
   // corners of folding faces, then shortened. A vertex changes once per pass, however many of its faces fold, so the
   // result does not depend on the order of faces.
   std::vector<uint8_t> changed(mesh.vertices.size()), is_touched(faces_.size());
-  std::vector<uint32_t> vertices;
+  std::vector<uint32_t> vertices, touched;
   Positions level;
   for (int pass = 0; pass < kFoldingPasses && !bad.empty(); ++pass) {
-    touched.clear();
-    vertices.clear();
-    for (uint32_t f : bad) {
-      for (uint32_t v : faces_[f]) {
-        if (changed[v]) continue;
-        changed[v] = 1;
-        vertices.push_back(v);
-        for (const uint32_t g : faces_of_vertex_[v]) {
-          if (!is_touched[g]) touched.push_back(g);
-          is_touched[g] = 1;
-        }
-      }
-    }
+    vertices = EachOnce(bad, &changed, [&](uint32_t f) { return std::span<const uint32_t>(faces_[f]); });
+    touched = EachOnce(vertices, &is_touched, [&](uint32_t v) { return faces_of_vertex_[v]; });
     if (pass < kSmoothingPasses) {
       level.resize(vertices.size());
       ParallelForEach(vertices.size(), kFoldGrain, [&](size_t i) {

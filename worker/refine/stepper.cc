@@ -1,6 +1,10 @@
 #include "worker/refine/stepper.h"
 
 #include <cmath>
+#include <functional>
+#include <iterator>
+
+#include "common/base/parallel.h"
 
 namespace tessera {
 namespace {
@@ -33,16 +37,22 @@ Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary
     : options_(options),
       gsd_m_(gsd_m),
       up_(up),
-      start_{start.vertices, start.faces, {}},
-      smooth_(start_, UnionOfFlags(boundary, frozen), Grown(active, start.faces, MotionGuard::kFoldingPasses)),
-      inter_(start_, UnionOfFlags(boundary, frozen)),
-      guard_(start_, boundary, MakeMotionLimits(options, gsd_m), frozen) {
+      start_{start.vertices, start.faces, {}} {
+  // Each takes time on one thread.
+  const std::function<void()> parts[] = {
+      [&] {
+        smooth_.emplace(start_, UnionOfFlags(boundary, frozen),
+                        Grown(active, start.faces, MotionGuard::kFoldingPasses));
+      },
+      [&] { inter_.emplace(start_, UnionOfFlags(boundary, frozen)); },
+      [&] { guard_.emplace(start_, boundary, MakeMotionLimits(options, gsd_m), frozen); }};
+  ParallelForEach(std::size(parts), 1, [&](size_t i) { parts[i](); });
   SetLabels(start.labels);
 }
 
 void Stepper::SetLabels(const std::vector<int32_t>& labels) {
-  smooth_.SetLabels(labels, options_.classes, options_.mixed);
-  if (options_.inter > 0) inter_.SetLabels(labels);
+  smooth_->SetLabels(labels, options_.classes, options_.mixed);
+  if (options_.inter > 0) inter_->SetLabels(labels);
 }
 
 std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
@@ -57,15 +67,15 @@ std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const Photo
   step.max_step_m = options_.max_step_px * pixel_m * std::pow(options_.step_decay, iteration);
   step.acceleration = options_.acceleration;
   step.half_effect_curvature = options_.half_effect_curvature * unit;
-  smooth_.Reweight(mesh.vertices, options_.creases);
-  return ComputeStep(mesh, derivatives, smooth_, inter_, guard_, step, last);
+  smooth_->Reweight(mesh.vertices, options_.creases);
+  return ComputeStep(mesh, derivatives, *smooth_, *inter_, *guard_, step, last);
 }
 
 SurfaceRepair::Result Stepper::Repair(const std::vector<Eigen::Vector3d>& good,
                                       std::vector<Eigen::Vector3d>* positions) {
-  if (!repair_) repair_.emplace(start_, guard_.faces_of_vertex());
+  if (!repair_) repair_.emplace(start_, guard_->faces_of_vertex());
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
-    return guard_.KeepsOrientation(face, from, to);
+    return guard_->KeepsOrientation(face, from, to);
   };
   return repair_->Run(good, keeps_facing, positions);
 }

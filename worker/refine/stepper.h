@@ -51,7 +51,7 @@ class Stepper {
           const StepperOptions& options, const std::vector<uint8_t>& active = {},
           const std::vector<uint8_t>& frozen = {});
 
-  const MotionGuard& guard() const { return guard_; }
+  const MotionGuard& guard() const { return *guard_; }
 
   // Replaces the labels of `start`.
   void SetLabels(const std::vector<int32_t>& labels);
@@ -69,9 +69,10 @@ class Stepper {
   const double gsd_m_;
   const Eigen::Vector3d up_;
   const TriangleMesh start_;
-  SmoothTerm smooth_;
-  InterTerm inter_;
-  MotionGuard guard_;
+  // Always there; optional because they are created at the same time.
+  std::optional<SmoothTerm> smooth_;
+  std::optional<InterTerm> inter_;
+  std::optional<MotionGuard> guard_;
   std::optional<SurfaceRepair> repair_;  // created on first use
 };
 
