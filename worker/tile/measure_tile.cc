@@ -13,7 +13,8 @@ namespace tessera {
 namespace {
 
 constexpr double kMapBytes = 10;  // per pixel: face map, luminance
-constexpr int kMostShares = 8;    // each reads all face maps
+constexpr int kMostShares = 16;   // each reads all face maps
+constexpr int64_t kVertexGrain = 1 << 14;
 
 // Sets FaceMap::face to -1 where the photograph has no luminance.
 void KeepLit(const PixelRect& rect, std::span<const uint16_t> luminance, FaceMap* map) {
@@ -134,7 +135,11 @@ Status Measure(TileWorkspace& work, TileImages& images, const TileSnapshot& snap
   if (!package.has_pairs) return absl::OkStatus();
   TESSERA_RETURN_IF_ERROR(images.data_term.EnterLevel(at.step.level));
   sums->seconds_loading = SecondsSince(clock, start_us);
-  TriangleMesh mesh = {snapshot.positions, package.mesh.faces, {}};
+  TriangleMesh& mesh = images.surface;
+  if (mesh.faces.empty()) mesh.faces = package.mesh.faces;
+  mesh.vertices.resize(snapshot.positions.size());
+  ParallelForEach(mesh.vertices.size(), kVertexGrain, [&](size_t v) { mesh.vertices[v] = snapshot.positions[v]; });
+  mesh.labels.clear();
   if (GeometryUsesLabels(package, options)) mesh.labels = snapshot.labels;
   images.data_term.Evaluate(mesh, work.whole() ? std::vector<uint8_t>() : work.measured(), at.step.directions, &clock,
                             &sums->derivatives);

@@ -163,20 +163,24 @@ bool FitChange::IsWorse() const {
 StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images,
                              const std::vector<Vector3d>& positions, const TaskControl& control) {
   const TilePackage& package = work.package();
-  const std::vector<FacePoint> points = CorePoints(work);
+  std::vector<FacePoint> points;
   std::vector<CorePair> pairs;
-  for (const ViewPair& views : EvenlyPicked(images.pairs, kFitPairs)) {
-    CorePair& pair = pairs.emplace_back();
-    pair.views = views;
-    for (uint32_t i = 0; i < points.size(); ++i) {
-      const std::vector<uint8_t>& selected = images.groups.selected[images.groups.group_of_face[points[i].face]];
-      if (selected[views.reference] && selected[views.other]) pair.points.push_back(i);
+  const auto find_points = [&] {
+    points = CorePoints(work);
+    for (const ViewPair& views : EvenlyPicked(images.pairs, kFitPairs)) {
+      CorePair& pair = pairs.emplace_back();
+      pair.views = views;
+      for (uint32_t i = 0; i < points.size(); ++i) {
+        const std::vector<uint8_t>& selected = images.groups.selected[images.groups.group_of_face[points[i].face]];
+        if (selected[views.reference] && selected[views.other]) pair.points.push_back(i);
+      }
     }
-  }
+  };
   {
-    // Each surface's ray tree is built on one thread, so that hits do not depend on the threads: both at once.
+    // Each surface's ray tree is built on one thread, so that hits do not depend on the threads: all at once.
     std::array<std::unique_ptr<CoreSurface>, 2> surfaces;
-    ParallelForEach(surfaces.size(), 1, [&](size_t i) {
+    ParallelForEach(surfaces.size() + 1, 1, [&](size_t i) {
+      if (i == surfaces.size()) return find_points();
       surfaces[i] = std::make_unique<CoreSurface>(package.mesh.faces, i == 0 ? package.mesh.vertices : positions);
     });
     for (const auto& surface : surfaces) {

@@ -102,7 +102,9 @@ Stepper& TileWorkspace::SolveStepper(const TileSnapshot& snapshot, const TileRef
 
 void TileWorkspace::EndIterations() {
   stepper_.reset();
-  if (images_ != nullptr) images_->data_term.ReleaseBuffers();
+  if (images_ == nullptr) return;
+  images_->data_term.ReleaseBuffers();
+  images_->surface = TriangleMesh();
 }
 
 void TileWorkspace::Forget(Region region) {

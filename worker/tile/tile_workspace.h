@@ -78,6 +78,7 @@ struct TileImages {
   const std::vector<ViewPair> pairs;
   const ViewGroups groups;
   DataTerm data_term;
+  TriangleMesh surface;  // buffer of Measure: the package's mesh at the positions of a step
 
   TileImages(const TilePackage& package, std::vector<RefineView> opened, const TileRefineOptions& options)
       : views(std::move(opened)),
