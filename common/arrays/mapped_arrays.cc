@@ -100,9 +100,12 @@ void ArrayFileWriter::Write(uint64_t offset, const char* data, size_t size_bytes
 }
 
 void ArrayFileWriter::AppendBytes(const std::string& name, size_t type, const void* data, size_t size_bytes) {
-  size_t i = 0;
-  while (i < regions_.size() && header_.entries[i].name != name) ++i;
-  if (i == regions_.size() || header_.entries[i].type != type) std::abort();
+  const auto found = std::lower_bound(header_.entries.begin(), header_.entries.end(), name,
+                                      [](const ArrayFileHeader::Entry& entry, const std::string& of) {
+                                        return entry.name < of;
+                                      });
+  const auto i = static_cast<size_t>(found - header_.entries.begin());
+  if (i == regions_.size() || found->name != name || found->type != type) std::abort();
   Region& region = regions_[i];
   const char* bytes = static_cast<const char*>(data);
   region.hasher.Update(bytes, size_bytes);
@@ -111,16 +114,19 @@ void ArrayFileWriter::AppendBytes(const std::string& name, size_t type, const vo
     if (status_.ok()) status_ = absl::InternalError(absl::StrCat(path_, ": too many values of \"", name, "\""));
     return;
   }
-  if (region.buffer.size() + size_bytes > kBufferBytes) {
+  const bool is_last =
+      region.written_bytes + size_bytes == entry.count * ArrayFileHeader::value_bytes(entry);  // of the array
+  if (region.buffer.size() + size_bytes > kBufferBytes || is_last) {
     Write(entry.offset + region.written_bytes - region.buffer.size(), region.buffer.data(), region.buffer.size());
     region.buffer.clear();
   }
   region.written_bytes += size_bytes;
-  if (size_bytes > kBufferBytes) {
+  if (size_bytes > kBufferBytes || is_last) {
     Write(entry.offset + region.written_bytes - size_bytes, bytes, size_bytes);
   } else {
     region.buffer.append(bytes, size_bytes);
   }
+  if (is_last) region.buffer = std::string();  // a file may have thousands of arrays
 }
 
 Status ArrayFileWriter::Finish() {

@@ -71,6 +71,15 @@ ByteImage PlanesOf(const cv::Mat& mat) {
   return image;
 }
 
+// Luminance of `width` pixels of blue, green and red.
+template <class Value>
+void FillLuminance(const Value* bgr, int width, float scale, float* __restrict out) {
+  for (int x = 0; x < width; ++x) {
+    const float b = bgr[3 * x], g = bgr[3 * x + 1], r = bgr[3 * x + 2];
+    out[x] = scale * (0.299f * r + 0.587f * g + 0.114f * b);
+  }
+}
+
 // Luminance of the pixels in `part`, or red, green and blue if `image` has three channels; NaN where alpha is 0.
 template <class Value>
 void FillPixels(const cv::Mat& mat, const ImagePart& part, int white_level, FloatImage* image) {
@@ -80,6 +89,10 @@ void FillPixels(const cv::Mat& mat, const ImagePart& part, int white_level, Floa
   for (int y = part.y0; y < part.y1; ++y) {
     float* out = &image->at(0, y - part.y0) - part.x0;
     const Value* row = mat.ptr<Value>(y);
+    if (channels == 3 && !colored) {
+      FillLuminance(row + 3 * static_cast<ptrdiff_t>(part.x0), part.width(), scale, out + part.x0);
+      continue;
+    }
     for (int x = part.x0; x < part.x1; ++x) {
       const Value* pixel = row + static_cast<ptrdiff_t>(channels) * x;
       const float b = pixel[0], g = pixel[green], r = pixel[red];

@@ -76,6 +76,16 @@ struct LikelihoodPart {
 StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes, const LensModel& lens,
                                             const ImagePart& part, const LikelihoodForm& form = LikelihoodForm());
 
+// Where the pixels of ReadLikelihoodPart lie.
+struct LikelihoodExtent {
+  ImagePart part;                         // of the whole likelihood image
+  int whole_width = 0, whole_height = 0;  // its size
+};
+
+// From the file's header, without decoding pixels. Errors of the header and of the resolution as ReadLikelihoodPart.
+StatusOr<LikelihoodExtent> ReadLikelihoodExtent(const std::string& path, int classes, const LensModel& lens,
+                                                const ImagePart& part, const LikelihoodForm& form = LikelihoodForm());
+
 // Class ids of an 8-bit one-channel PNG, as stored (255: unknown).
 StatusOr<LabelImage> ReadLabelImage(const std::string& path);
 

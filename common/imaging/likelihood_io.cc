@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -12,6 +13,7 @@
 #include "common/imaging/npy.h"
 #include "common/imaging/tiff_file.h"
 #include "common/imaging/undistort.h"
+#include "common/storage/files.h"
 #include "common/storage/lfs_pointer.h"
 
 namespace tessera {
@@ -104,38 +106,69 @@ void MeasureSums(const FloatImage& image, LikelihoodPart* result) {
   result->high_sum = at(0.95);
 }
 
+// The first value of the plane that is no likelihood, or the plane's size.
+size_t FirstInvalid(const float* plane, size_t size, bool are_logits) {
+  constexpr size_t kBlock = 4096;
+  constexpr float kHighest = std::numeric_limits<float>::max();
+  const float lowest = are_logits ? -kHighest : 0;
+  const auto valid = [&](float value) { return value >= lowest && value <= kHighest; };  // not NaN
+  for (size_t begin = 0; begin < size; begin += kBlock) {
+    const size_t end = std::min(size, begin + kBlock);
+    int invalid = 0;  // without branches, to be vectorised
+    for (size_t i = begin; i < end; ++i) invalid |= !(plane[i] >= lowest) | !(plane[i] <= kHighest);
+    if (invalid != 0) return static_cast<size_t>(std::find_if_not(plane + begin, plane + end, valid) - plane);
+  }
+  return size;
+}
+
+// Divides the values of pixels [begin, end) by their sums; uniform where a sum is zero. Plane by plane and without
+// branches, so that the loops are vectorised.
+void DivideBySums(FloatImage& image, size_t begin, size_t end) {
+  constexpr size_t kBlock = 1024;
+  double sums[kBlock];
+  for (; begin < end; begin += kBlock) {
+    const size_t count = std::min(kBlock, end - begin);
+    std::fill_n(sums, count, 0.0);
+    for (int c = 0; c < image.channels; ++c) {
+      const float* plane = image.plane(c) + begin;
+      for (size_t i = 0; i < count; ++i) sums[i] += plane[i];
+    }
+    for (size_t i = 0; i < count; ++i) {
+      if (sums[i] > 0) continue;
+      sums[i] = image.channels;
+      for (int c = 0; c < image.channels; ++c) image.plane(c)[begin + i] = 1;
+    }
+    for (int c = 0; c < image.channels; ++c) {
+      float* plane = image.plane(c) + begin;
+      for (size_t i = 0; i < count; ++i) plane[i] = static_cast<float>(plane[i] / sums[i]);
+    }
+  }
+}
+
 // Checks every value and makes each pixel sum to one.
 Status Normalise(const std::string& path, const char* plane_name, int first_plane, const ImagePart& part,
                  const LikelihoodForm& form, FloatImage& image, LikelihoodPart* result) {
   const bool are_logits = form.values == LikelihoodForm::Values::kLogits;
   for (int c = 0; c < image.channels; ++c) {
     const float* plane = image.plane(c);
-    for (size_t i = 0; i < image.plane_size(); ++i) {
-      if (std::isfinite(plane[i]) && (plane[i] >= 0 || are_logits)) continue;
-      return InputError(
-          path,
-          absl::StrCat(plane_name, " ", c + first_plane, ", pixel (", part.x0 + i % image.width, ", ",
-                       part.y0 + i / image.width, ")"),
-          std::isnan(plane[i]) ? "NaN" : absl::StrCat(plane[i]),
-          are_logits ? "a finite logit"
-          : std::isfinite(plane[i])
-              ? "a finite likelihood of at least 0; for logits set \"likelihood_values\": \"logits\" in scene.json"
-              : "a finite likelihood of at least 0");
-    }
+    const size_t i = FirstInvalid(plane, image.plane_size(), are_logits);
+    if (i == image.plane_size()) continue;
+    return InputError(
+        path,
+        absl::StrCat(plane_name, " ", c + first_plane, ", pixel (", part.x0 + i % image.width, ", ",
+                     part.y0 + i / image.width, ")"),
+        std::isnan(plane[i]) ? "NaN" : absl::StrCat(plane[i]),
+        are_logits ? "a finite logit"
+        : std::isfinite(plane[i])
+            ? "a finite likelihood of at least 0; for logits set \"likelihood_values\": \"logits\" in scene.json"
+            : "a finite likelihood of at least 0");
   }
   if (are_logits) {
     ApplySoftmax(image);
     return absl::OkStatus();
   }
   MeasureSums(image, result);
-  ParallelForEach(image.plane_size(), 1 << 16, [&](size_t i) {
-    double sum = 0;
-    for (int c = 0; c < image.channels; ++c) sum += image.plane(c)[i];
-    for (int c = 0; c < image.channels; ++c) {
-      float& value = image.plane(c)[i];
-      value = static_cast<float>(sum > 0 ? value / sum : 1.0 / image.channels);
-    }
-  });
+  ParallelFor(image.plane_size(), 1 << 16, [&](size_t begin, size_t end) { DivideBySums(image, begin, end); });
   return absl::OkStatus();
 }
 
@@ -146,29 +179,33 @@ struct Parts {
   ImagePart undistorted, source;
 };
 
+// The undistorted one of Parts.
+StatusOr<ImagePart> UndistortedPartOf(const std::string& path, int width, int height, const PinholeCamera& camera,
+                                      const ImagePart& part) {
+  TESSERA_RETURN_IF_ERROR(CheckResolution(path, width, height, camera));
+  if (width == camera.width && height == camera.height) return part;
+  constexpr int kMargin_px = 2;  // for interpolation
+  const double sx = static_cast<double>(width) / camera.width;
+  const double sy = static_cast<double>(height) / camera.height;
+  return ImagePart{std::max(0, static_cast<int>(std::floor(part.x0 * sx)) - kMargin_px),
+                   std::max(0, static_cast<int>(std::floor(part.y0 * sy)) - kMargin_px),
+                   std::min(width, static_cast<int>(std::ceil(part.x1 * sx)) + kMargin_px),
+                   std::min(height, static_cast<int>(std::ceil(part.y1 * sy)) + kMargin_px)};
+}
+
 StatusOr<Parts> PartsOf(const std::string& path, int width, int height, const LensModel& lens, const ImagePart& part) {
-  TESSERA_RETURN_IF_ERROR(CheckResolution(path, width, height, lens.pinhole));
   Parts parts;
+  TESSERA_ASSIGN_OR_RETURN(parts.undistorted, UndistortedPartOf(path, width, height, lens.pinhole, part));
   parts.lens = lens;
   parts.lens.pinhole = lens.pinhole.Resized(width, height);
-  parts.undistorted = part;
-  if (width != lens.pinhole.width || height != lens.pinhole.height) {
-    constexpr int kMargin_px = 2;  // for interpolation
-    const double sx = static_cast<double>(width) / lens.pinhole.width;
-    const double sy = static_cast<double>(height) / lens.pinhole.height;
-    parts.undistorted = {std::max(0, static_cast<int>(std::floor(part.x0 * sx)) - kMargin_px),
-                         std::max(0, static_cast<int>(std::floor(part.y0 * sy)) - kMargin_px),
-                         std::min(width, static_cast<int>(std::ceil(part.x1 * sx)) + kMargin_px),
-                         std::min(height, static_cast<int>(std::ceil(part.y1 * sy)) + kMargin_px)};
-  }
   parts.source = SourcePart(parts.lens, parts.undistorted);
   return parts;
 }
 
-}  // namespace
+enum class FileKind { kLabelPng, kArray, kPages };
 
-StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes, const LensModel& lens,
-                                            const ImagePart& part, const LikelihoodForm& form) {
+// Of a likelihood file, by its first bytes. Checks the request as well.
+StatusOr<FileKind> KindOf(const std::string& path, int classes, const LensModel& lens, const ImagePart& part) {
   if (classes < 1) return absl::InvalidArgumentError(path + ": need at least 1 class");
   if (part.x0 < 0 || part.y0 < 0 || part.x1 > lens.pinhole.width || part.y1 > lens.pinhole.height ||
       part.width() <= 0 || part.height() <= 0) {
@@ -180,6 +217,49 @@ StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes
   const auto starts_with = [&](const char* text, size_t size) {
     return magic.size() >= size && std::memcmp(magic.data(), text, size) == 0;
   };
+  if (starts_with("\x89PNG", 4)) return FileKind::kLabelPng;
+  if (starts_with("\x93NUMPY", 6)) return FileKind::kArray;
+  if (starts_with("II", 2) || starts_with("MM", 2)) return FileKind::kPages;
+  if (IsLfsPointer({reinterpret_cast<const char*>(magic.data()), magic.size()})) return LfsPointerError(path);
+  return InputError(path, "byte 0", magic.empty() ? "an empty file" : "an unknown format",
+                    "likelihoods as TIFF or NPY, or labels as PNG or NPY");
+}
+
+// Size of a TIFF with a page a class.
+StatusOr<TiffSize> ReadPagesSize(const std::string& path, int classes) {
+  TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadTiffSize(path));
+  if (size.pages == classes) return size;
+  return InputError(path, "", absl::StrCat(size.pages, size.pages == 1 ? " page" : " pages"),
+                    absl::StrCat(classes, " (one page per class)"));
+}
+
+// The array with its axes in the order of planes: one of ids, or a plane a class.
+StatusOr<NpyArray> ArrangedArray(NpyArray array, int classes, const LensModel& lens, const LikelihoodForm& form,
+                                 const std::string& path) {
+  if (!IsIdArray(array, classes)) return ArrangeNpy(array, classes, lens.pinhole, form.layout, path);
+  return array.channels != 1 ? ChannelsLast(array) : array;
+}
+
+// The arranged array of a file, without values.
+StatusOr<NpyArray> ReadArrayHeader(const std::string& path, int classes, const LensModel& lens,
+                                   const LikelihoodForm& form) {
+  constexpr int64_t kMostHeader_bytes = int64_t{1} << 17;
+  TESSERA_ASSIGN_OR_RETURN(std::vector<uint8_t> bytes, ReadFileStart(path, kMostHeader_bytes));
+  TESSERA_ASSIGN_OR_RETURN(const FileStamp stamp, StampOf(path));
+  StatusOr<NpyArray> array = FindNpyArray(bytes, path, static_cast<size_t>(stamp.size_bytes));
+  if (!array.ok() && stamp.size_bytes > kMostHeader_bytes) {  // the header may be longer
+    TESSERA_ASSIGN_OR_RETURN(bytes, ReadFileBytes(path));
+    array = FindNpyArray(bytes, path);
+  }
+  TESSERA_RETURN_IF_ERROR(array.status());
+  return ArrangedArray(*array, classes, lens, form, path);
+}
+
+}  // namespace
+
+StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes, const LensModel& lens,
+                                            const ImagePart& part, const LikelihoodForm& form) {
+  TESSERA_ASSIGN_OR_RETURN(const FileKind kind, KindOf(path, classes, lens, part));
   LikelihoodPart result;
   const auto set_size = [&](int width, int height) {
     result.whole_width = width;
@@ -198,47 +278,59 @@ StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes
     TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, parts.source, LikelihoodForm(), of_labels, &unused));
     return of_labels;
   };
-  if (starts_with("\x89PNG", 4)) {
+  if (kind == FileKind::kLabelPng) {
     // Check the size before decoding.
     TESSERA_ASSIGN_OR_RETURN(const ImageSize size, ReadImageSize(path));
     TESSERA_ASSIGN_OR_RETURN(parts, set_size(size.width, size.height));
     TESSERA_ASSIGN_OR_RETURN(const StoredLabels stored, ReadLabelPng(path));
     TESSERA_ASSIGN_OR_RETURN(image, from_labels(stored));
-  } else if (starts_with("\x93NUMPY", 6)) {
+  } else if (kind == FileKind::kArray) {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> bytes, ReadFileBytes(path));
-    TESSERA_ASSIGN_OR_RETURN(NpyArray array, FindNpyArray(bytes, path));
-    if (IsIdArray(array, classes)) {
-      if (array.channels != 1) array = ChannelsLast(array);
-      TESSERA_ASSIGN_OR_RETURN(parts, set_size(array.width, array.height));
+    TESSERA_ASSIGN_OR_RETURN(const NpyArray stored_array, FindNpyArray(bytes, path));
+    TESSERA_ASSIGN_OR_RETURN(const NpyArray array, ArrangedArray(stored_array, classes, lens, form, path));
+    TESSERA_ASSIGN_OR_RETURN(parts, set_size(array.width, array.height));
+    if (IsIdArray(stored_array, classes)) {
       StoredLabels stored;
       stored.values = NpyIds(array);
       TESSERA_ASSIGN_OR_RETURN(image, from_labels(stored));
     } else {
-      TESSERA_ASSIGN_OR_RETURN(array, ArrangeNpy(array, classes, lens.pinhole, form.layout, path));
-      TESSERA_ASSIGN_OR_RETURN(parts, set_size(array.width, array.height));
       image = NpyPart(array, parts.source);
       TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, parts.source, form, image, &result));
     }
-  } else if (starts_with("II", 2) || starts_with("MM", 2)) {
-    TESSERA_ASSIGN_OR_RETURN(TiffSize size, ReadTiffSize(path));
-    if (size.pages != classes) {
-      return InputError(path, "", absl::StrCat(size.pages, size.pages == 1 ? " page" : " pages"),
-                        absl::StrCat(classes, " (one page per class)"));
-    }
+  } else {
+    TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadPagesSize(path, classes));
     TESSERA_ASSIGN_OR_RETURN(parts, set_size(size.width, size.height));
     TESSERA_ASSIGN_OR_RETURN(image, ReadTiffPages(path, size, parts.source));
     TESSERA_RETURN_IF_ERROR(Normalise(path, "page", 1, parts.source, form, image, &result));
-  } else if (IsLfsPointer({reinterpret_cast<const char*>(magic.data()), magic.size()})) {
-    return LfsPointerError(path);
-  } else {
-    return InputError(path, "byte 0", magic.empty() ? "an empty file" : "an unknown format",
-                      "likelihoods as TIFF or NPY, or labels as PNG or NPY");
   }
   result.x0 = parts.undistorted.x0;
   result.y0 = parts.undistorted.y0;
   result.pixels =
       UndistortPart(std::move(image), parts.source, parts.lens, parts.undistorted, 1.0f / static_cast<float>(classes));
   return result;
+}
+
+StatusOr<LikelihoodExtent> ReadLikelihoodExtent(const std::string& path, int classes, const LensModel& lens,
+                                                const ImagePart& part, const LikelihoodForm& form) {
+  TESSERA_ASSIGN_OR_RETURN(const FileKind kind, KindOf(path, classes, lens, part));
+  LikelihoodExtent extent;
+  const auto set_size = [&](int width, int height) {
+    extent.whole_width = width;
+    extent.whole_height = height;
+  };
+  if (kind == FileKind::kLabelPng) {
+    TESSERA_ASSIGN_OR_RETURN(const ImageSize size, ReadImageSize(path));
+    set_size(size.width, size.height);
+  } else if (kind == FileKind::kArray) {
+    TESSERA_ASSIGN_OR_RETURN(const NpyArray array, ReadArrayHeader(path, classes, lens, form));
+    set_size(array.width, array.height);
+  } else {
+    TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadPagesSize(path, classes));
+    set_size(size.width, size.height);
+  }
+  TESSERA_ASSIGN_OR_RETURN(extent.part,
+                           UndistortedPartOf(path, extent.whole_width, extent.whole_height, lens.pinhole, part));
+  return extent;
 }
 
 StatusOr<FloatImage> ReadLikelihoods(const std::string& path, int classes, const LensModel& lens,

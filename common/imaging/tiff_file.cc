@@ -55,16 +55,19 @@ struct SampleLayout {
   bool is_float = false;
 };
 
-float Sample(const uint8_t* p, SampleLayout layout) {
+// Converts `count` samples. One loop per type, so that each is vectorised.
+void ConvertSamples(const uint8_t* from, int count, SampleLayout layout, float* __restrict to) {
   if (layout.is_float) {
-    float value;
-    std::memcpy(&value, p, 4);
-    return value;
+    std::memcpy(to, from, sizeof(float) * count);
+  } else if (layout.bytes == 1) {
+    for (int i = 0; i < count; ++i) to[i] = from[i];
+  } else {
+    for (int i = 0; i < count; ++i) {
+      uint16_t value;
+      std::memcpy(&value, from + 2 * i, 2);
+      to[i] = value;
+    }
   }
-  if (layout.bytes == 1) return *p;
-  uint16_t value;
-  std::memcpy(&value, p, 2);
-  return value;
 }
 
 Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& location, SampleLayout layout,
@@ -89,11 +92,10 @@ Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& locatio
         return InputError(path, absl::StrCat(location, ", tile at ", x0, ", ", y0), error, "readable pixels");
       }
       for (int y = std::max(y0, part.y0); y < std::min(part.y1, y0 + step_y); ++y) {
-        for (int x = std::max(x0, part.x0); x < std::min(part.x1, x0 + step_x); ++x) {
-          const size_t index = size_t(y - y0) * tile_width + (x - x0);
-          plane[size_t(y - part.y0) * part.width() + (x - part.x0)] =
-              Sample(tile.data() + index * layout.bytes, layout);
-        }
+        const int x = std::max(x0, part.x0);
+        const size_t index = size_t(y - y0) * tile_width + (x - x0);
+        ConvertSamples(tile.data() + index * layout.bytes, std::min(part.x1, x0 + step_x) - x, layout,
+                       plane + size_t(y - part.y0) * part.width() + (x - part.x0));
       }
     }
   }
@@ -137,8 +139,8 @@ Status ReadPage(TIFF* tiff, const std::string& path, int page, const TiffSize& e
                         "readable pixels");
     }
     if (y < part.y0) continue;
-    float* out = plane + size_t(y - part.y0) * part.width();
-    for (int x = part.x0; x < part.x1; ++x) *out++ = Sample(row.data() + size_t(x) * layout.bytes, layout);
+    ConvertSamples(row.data() + size_t(part.x0) * layout.bytes, part.width(), layout,
+                   plane + size_t(y - part.y0) * part.width());
   }
   return absl::OkStatus();
 }

@@ -95,23 +95,6 @@ void ScratchBytes::Flush() {
   buffer_.clear();
 }
 
-Status ScratchBytes::Take(int64_t offset, size_t size_bytes, void* to) {
-  if (!buffer_.empty()) Flush();
-  TESSERA_RETURN_IF_ERROR(status_);
-  for (size_t done = 0; done < size_bytes;) {
-    const ssize_t got = pread(fd_, static_cast<char*>(to) + done, size_bytes - done,
-                              static_cast<off_t>(offset) + static_cast<off_t>(done));
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return FileError(errno, absl::StrCat("scratch file in ", folder_));
-    if (got == 0) return absl::InternalError(absl::StrCat("scratch file in ", folder_, ": found its end"));
-    done += static_cast<size_t>(got);
-  }
-  // Not all file systems can.
-  fallocate(fd_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
-            static_cast<off_t>(size_bytes));
-  return absl::OkStatus();
-}
-
 StatusOr<MappedFile> ScratchBytes::Finish() {
   Flush();
   buffer_ = std::string();

@@ -83,9 +83,6 @@ class ScratchBytes {
   int64_t size_bytes() const { return size_bytes_; }
   // All appended bytes, writable. Append must not be called afterwards.
   StatusOr<MappedFile> Finish();
-  // Copies bytes and frees their space on disk; each byte may be taken once. Costs less than mapping them to copy them
-  // once. Append must not be called afterwards.
-  Status Take(int64_t offset, size_t size_bytes, void* to);
 
  private:
   ScratchBytes(int fd, std::string folder);

@@ -324,4 +324,31 @@ std::vector<uint8_t> StoredTexels::HalfLikelihoods() const {
   return out;
 }
 
+std::vector<uint16_t> LuminanceCodes(const std::vector<float>& luminance) {
+  std::vector<uint16_t> out(luminance.size());
+  // As LuminanceCode, without branches and with constants that the compiler knows.
+  constexpr float kSteps = Texels::kLuminanceSteps;
+  const float* from = luminance.data();
+  uint16_t* __restrict to = out.data();
+  for (size_t i = 0; i < out.size(); ++i) {
+    const float value = from[i];
+    const float low = value > 0.0f ? value : 0.0f, both = low < 1.0f ? low : 1.0f;
+    const auto code = static_cast<int32_t>(1.5f + both * kSteps);
+    to[i] = static_cast<uint16_t>(value == value ? code : 0);  // NaN differs from itself
+  }
+  return out;
+}
+
+std::vector<uint8_t> LikelihoodStepsOf(const std::vector<float>& likelihoods) {
+  std::vector<uint8_t> out(likelihoods.size());
+  constexpr float kSteps = Texels::kLikelihoodSteps;
+  const float* from = likelihoods.data();
+  uint8_t* __restrict to = out.data();
+  for (size_t i = 0; i < out.size(); ++i) {
+    const float low = from[i] > 0.0f ? from[i] : 0.0f, both = low < 1.0f ? low : 1.0f;
+    to[i] = static_cast<uint8_t>(static_cast<int32_t>(both * kSteps + 0.5f));
+  }
+  return out;
+}
+
 }  // namespace tessera

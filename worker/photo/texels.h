@@ -90,5 +90,8 @@ inline uint16_t LuminanceCode(float luminance) {
 inline uint8_t LikelihoodStep(float likelihood) {
   return static_cast<uint8_t>(std::clamp(likelihood, 0.0f, 1.0f) * Texels::kLikelihoodSteps + 0.5f);
 }
+// Of many values; vectorised.
+std::vector<uint16_t> LuminanceCodes(const std::vector<float>& luminance);
+std::vector<uint8_t> LikelihoodStepsOf(const std::vector<float>& likelihoods);
 
 }  // namespace tessera

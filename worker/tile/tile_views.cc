@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <filesystem>
 #include <functional>
@@ -15,7 +16,6 @@
 #include <set>
 #include <span>
 #include <utility>
-#include <variant>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -25,7 +25,6 @@
 #include "common/scene/photographs.h"
 #include "common/storage/files.h"
 #include "common/storage/hash.h"
-#include "common/storage/mapped_file.h"
 #include "worker/photo/texels.h"
 #include "worker/tile/kept/kept_files.h"
 
@@ -58,44 +57,63 @@ int LikelihoodLevel(const TexelShape& first, int level) { return first.same_reso
 
 ImagePart PartOf(const PixelRect& rect) { return {rect.x0, rect.y0, rect.x1, rect.y1}; }
 
-StatusOr<std::vector<uint8_t>> CropLikelihoods(const std::string& path, const SceneView& view, int classes,
-                                               TexelShape* shape) {
-  TESSERA_ASSIGN_OR_RETURN(const LikelihoodPart part,
-                           ReadLikelihoodPart(path, classes, view.lens, PartOf(shape->rect), view.likelihood_form));
-  const PinholeCamera& whole = view.camera.intrinsics;
-  PixelMapping mapping;
-  mapping.scale_x = static_cast<double>(part.whole_width) / whole.width;
-  mapping.scale_y = static_cast<double>(part.whole_height) / whole.height;
-  mapping.first_x = part.x0;
-  mapping.first_y = part.y0;
-  *shape = TexelShape::First(shape->rect, part.pixels.channels, part.pixels.width, part.pixels.height, mapping);
-  std::vector<uint8_t> steps;
-  steps.reserve(part.pixels.data.size());
-  for (const float value : part.pixels.data) steps.push_back(LikelihoodStep(value));
-  return steps;
+bool HasLikelihoods(const TilePackage& package, const SceneView& view) {
+  return package.has_likelihoods && !view.likelihood_path.empty();
 }
 
-// Level 0.
-struct LoadedCrop {
+// The shape of level 0, from the headers of the view's files.
+StatusOr<TexelShape> ShapeOf(const TilePackage& package, const std::string& folder, int view_index) {
+  const SceneView& view = package.views[view_index];
   TexelShape shape;
-  std::vector<uint16_t> luminance;
-  std::vector<uint8_t> likelihoods;
+  shape.rect = package.view_rects[view_index];
+  if (!HasLikelihoods(package, view)) return shape;
+  const int classes = static_cast<int>(package.classes.size());
+  TESSERA_ASSIGN_OR_RETURN(const LikelihoodExtent extent,
+                           ReadLikelihoodExtent(folder + "/" + view.likelihood_path, classes, view.lens,
+                                                PartOf(shape.rect), view.likelihood_form));
+  const PinholeCamera& whole = view.camera.intrinsics;
+  PixelMapping mapping;
+  mapping.scale_x = static_cast<double>(extent.whole_width) / whole.width;
+  mapping.scale_y = static_cast<double>(extent.whole_height) / whole.height;
+  mapping.first_x = extent.part.x0;
+  mapping.first_y = extent.part.y0;
+  return TexelShape::First(shape.rect, classes, extent.part.width(), extent.part.height(), mapping);
+}
+
+// All levels; `likelihoods` only of those that have their own.
+struct LoadedCrop {
+  std::array<std::vector<uint16_t>, kTexelLevels> luminance;
+  std::array<std::vector<uint8_t>, kTexelLevels> likelihoods;
 };
 
-StatusOr<LoadedCrop> ReadCrop(const TilePackage& package, const std::string& folder, int view_index) {
+StatusOr<LoadedCrop> ReadCrop(const TilePackage& package, const std::string& folder, int view_index,
+                              const TexelShape& shape) {
   const SceneView& view = package.views[view_index];
   LoadedCrop crop;
-  crop.shape.rect = package.view_rects[view_index];
   {
     TESSERA_ASSIGN_OR_RETURN(
         const FloatImage image,
-        ReadLuminancePart(folder + "/" + view.image_path, view.lens, PartOf(crop.shape.rect), OptionsOf(folder, view)));
-    crop.luminance.reserve(image.data.size());
-    for (const float value : image.data) crop.luminance.push_back(LuminanceCode(value));
+        ReadLuminancePart(folder + "/" + view.image_path, view.lens, PartOf(shape.rect), OptionsOf(folder, view)));
+    crop.luminance[0] = LuminanceCodes(image.data);
   }
-  if (package.has_likelihoods && !view.likelihood_path.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(crop.likelihoods, CropLikelihoods(folder + "/" + view.likelihood_path, view,
-                                                               static_cast<int>(package.classes.size()), &crop.shape));
+  if (shape.classes > 0) {
+    const std::string path = folder + "/" + view.likelihood_path;
+    TESSERA_ASSIGN_OR_RETURN(
+        const LikelihoodPart part,
+        ReadLikelihoodPart(path, shape.classes, view.lens, PartOf(shape.rect), view.likelihood_form));
+    crop.likelihoods[0] = LikelihoodStepsOf(part.pixels.data);
+    if (crop.likelihoods[0].size() != shape.likelihood_values()) {
+      return absl::UnavailableError(path + ": changed while it was read");
+    }
+  }
+  StoredTexels level;
+  static_cast<TexelShape&>(level) = shape;
+  for (int l = 0; l + 1 < kTexelLevels; ++l) {
+    level.luminance = crop.luminance[l];
+    level.likelihoods = crop.likelihoods[l];
+    crop.luminance[l + 1] = level.HalfLuminance();
+    if (level.same_resolution) crop.likelihoods[l + 1] = level.HalfLikelihoods();
+    static_cast<TexelShape&>(level) = level.Half();
   }
   return crop;
 }
@@ -128,72 +146,41 @@ Crop ParseCrop(const json& j) {
                                           likelihoods.at(0), likelihoods.at(1), mapping)};
 }
 
-// Collects crops in scratch files, since the file's header needs their number first.
+// Writes crops in any order.
 class CropWriter {
  public:
-  static StatusOr<CropWriter> Create(const std::string& path) {
-    const std::string folder = std::filesystem::path(path).parent_path().string();
-    TESSERA_ASSIGN_OR_RETURN(auto pixels, ScratchBytes::Create(folder));
-    return CropWriter(path, std::move(pixels));
+  // `views`: of the crops; `shapes`: of their level 0.
+  static StatusOr<CropWriter> Create(const std::string& path, int tile, const std::vector<int>& views,
+                                     const std::vector<TexelShape>& shapes) {
+    json crops = json::array();
+    std::vector<ArrayFileWriter::Array> arrays;
+    for (size_t crop = 0; crop < views.size(); ++crop) {
+      crops.push_back(ToJson({views[crop], shapes[crop]}));
+      const std::vector<TexelShape> levels = LevelsOf(shapes[crop]);
+      for (int l = 0; l < kTexelLevels; ++l) {
+        arrays.push_back({LuminanceName(crop, l), std::vector<uint16_t>(), levels[l].pixels()});
+        if (levels[l].likelihood_values() == 0 || LikelihoodLevel(shapes[crop], l) != l) continue;
+        arrays.push_back({LikelihoodName(crop, l), std::vector<uint8_t>(), levels[l].likelihood_values()});
+      }
+    }
+    TESSERA_ASSIGN_OR_RETURN(
+        auto file, ArrayFileWriter::Create(path, json{{"tile", tile}, {"crops", crops}}.dump(), std::move(arrays)));
+    return CropWriter(std::move(file));
   }
 
-  // `likelihoods` may be empty.
-  void Add(int view, const TexelShape& first, std::vector<uint16_t> luminance, std::vector<uint8_t> likelihoods) {
-    const size_t crop = crops_.size();
-    crops_.push_back(ToJson({view, first}));
-    StoredTexels level;
-    static_cast<TexelShape&>(level) = first;
-    for (int l = 0;; ++l) {
-      if (!likelihoods.empty())
-        Add(LikelihoodName(crop, l), std::vector<uint8_t>(), std::span<const uint8_t>(likelihoods));
-      Add(LuminanceName(crop, l), std::vector<uint16_t>(), std::span<const uint16_t>(luminance));
-      if (l + 1 == kTexelLevels) return;
-      level.luminance = luminance;
-      level.likelihoods = likelihoods;
-      std::vector<uint16_t> half_luminance = level.HalfLuminance();
-      const bool halves = level.same_resolution;
-      likelihoods = halves ? level.HalfLikelihoods() : std::vector<uint8_t>();
-      luminance = std::move(half_luminance);
-      static_cast<TexelShape&>(level) = level.Half();
+  void Add(size_t crop, const LoadedCrop& loaded) {
+    for (int l = 0; l < kTexelLevels; ++l) {
+      file_->Append(LuminanceName(crop, l), std::span<const uint16_t>(loaded.luminance[l]));
+      if (loaded.likelihoods[l].empty()) continue;
+      file_->Append(LikelihoodName(crop, l), std::span<const uint8_t>(loaded.likelihoods[l]));
     }
   }
 
-  Status Finish(int tile) {
-    TESSERA_ASSIGN_OR_RETURN(const auto file,
-                             ArrayFileWriter::Create(path_, json{{"tile", tile}, {"crops", crops_}}.dump(), arrays_));
-    int64_t at = 0;
-    for (const ArrayFileWriter::Array& array : arrays_) {
-      const auto copy = [&]<class T>(const std::vector<T>&) -> Status {
-        std::vector<T> part;
-        for (uint64_t done = 0; done < array.count; done += part.size()) {
-          part.resize(std::min<uint64_t>(array.count - done, kPartBytes / sizeof(T)));
-          TESSERA_RETURN_IF_ERROR(pixels_->Take(at, part.size() * sizeof(T), part.data()));
-          file->Append(array.name, std::span<const T>(part));
-          at += static_cast<int64_t>(part.size() * sizeof(T));
-        }
-        return absl::OkStatus();
-      };
-      TESSERA_RETURN_IF_ERROR(std::visit(copy, array.type));
-      at += at % 2;
-    }
-    return file->Finish();
-  }
+  Status Finish() { return file_->Finish(); }
 
  private:
-  CropWriter(std::string path, std::unique_ptr<ScratchBytes> pixels)
-      : path_(std::move(path)), pixels_(std::move(pixels)) {}
-
-  template <class T>
-  void Add(std::string name, std::vector<T> type, std::span<const T> values) {
-    arrays_.push_back({std::move(name), std::move(type), values.size()});
-    pixels_->Append(values.data(), values.size_bytes());
-    if (values.size_bytes() % 2 != 0) pixels_->Append("", 1);  // all begin at even offsets
-  }
-
-  std::string path_;
-  std::unique_ptr<ScratchBytes> pixels_;
-  json crops_ = json::array();
-  std::vector<ArrayFileWriter::Array> arrays_;
+  explicit CropWriter(std::unique_ptr<ArrayFileWriter> file) : file_(std::move(file)) {}
+  std::unique_ptr<ArrayFileWriter> file_;
 };
 
 // A file of crops: mapped, to check and release its arrays, and open, to copy parts of them. Const members are
@@ -335,7 +322,6 @@ class FilePixels : public ViewPixels {
 
 Status CropTileViews(const TilePackage& package, const std::string& folder, const std::string& path,
                      const TaskControl& control) {
-  TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path));
   std::vector<int> shown;
   double largest_bytes = 0;
   for (int v = 0; v < static_cast<int>(package.views.size()); ++v) {
@@ -343,19 +329,31 @@ Status CropTileViews(const TilePackage& package, const std::string& folder, cons
     shown.push_back(v);
     largest_bytes = std::max(largest_bytes, BytesToRead(package, v));
   }
+  // The file begins with the sizes of all crops.
+  std::vector<TexelShape> shapes(shown.size());
+  std::vector<Status> found(shown.size());
+  ParallelForEach(shown.size(), 1, [&](size_t i) {
+    StatusOr<TexelShape> shape = ShapeOf(package, folder, shown[i]);
+    found[i] = shape.status();
+    if (shape.ok()) shapes[i] = *shape;
+  });
+  for (const Status& status : found) TESSERA_RETURN_IF_ERROR(status);
+  TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path, package.tile, shown, shapes));
   const auto at_once = static_cast<size_t>(ItemsAtOnce(largest_bytes));
   for (size_t first = 0; first < shown.size(); first += at_once) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.9 * static_cast<double>(first) / static_cast<double>(shown.size()), "reading images");
     std::vector<StatusOr<LoadedCrop>> crops(std::min(at_once, shown.size() - first));
-    ParallelForEach(crops.size(), 1, [&](size_t i) { crops[i] = ReadCrop(package, folder, shown[first + i]); });
+    ParallelForEach(crops.size(), 1, [&](size_t i) {
+      crops[i] = ReadCrop(package, folder, shown[first + i], shapes[first + i]);
+    });
     for (size_t i = 0; i < crops.size(); ++i) {
-      TESSERA_ASSIGN_OR_RETURN(LoadedCrop crop, std::move(crops[i]));
-      writer.Add(shown[first + i], crop.shape, std::move(crop.luminance), std::move(crop.likelihoods));
+      TESSERA_ASSIGN_OR_RETURN(const LoadedCrop crop, std::move(crops[i]));
+      writer.Add(first + i, crop);
     }
   }
   control.Report(0.9, "writing crops");
-  return writer.Finish(package.tile);
+  return writer.Finish();
 }
 
 StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::string& path) {

@@ -3,6 +3,7 @@
 #include <tiffio.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <functional>
 
@@ -109,6 +110,12 @@ void CheckLikelihoods(const std::string& path) {
       ASSERT_TRUE(read.ok()) << read.status();
       EXPECT_EQ(read->whole_width, whole->width);
       EXPECT_EQ(read->whole_height, whole->height);
+      const auto extent = ReadLikelihoodExtent(path, kClasses, lens, part);
+      ASSERT_TRUE(extent.ok()) << extent.status();
+      EXPECT_EQ(extent->whole_width, whole->width);
+      EXPECT_EQ(extent->whole_height, whole->height);
+      EXPECT_EQ(extent->part, (ImagePart{read->x0, read->y0, read->x0 + read->pixels.width,
+                                         read->y0 + read->pixels.height}));
       ExpectEqualsPart(read->pixels, *whole, read->x0, read->y0);
       if (whole->width == kWidth) {
         EXPECT_EQ(read->pixels.width, part.width());
@@ -129,6 +136,65 @@ TEST(ImagePartTest, OfLikelihoodsInStrips) {
   const std::string path = FreshTestFolder("f") + "/a.tif";
   ASSERT_TRUE(WriteLikelihoodTiff(path, RandomPart(kWidth, kHeight, kClasses)).ok());
   CheckLikelihoods(path);
+}
+
+TEST(ImagePartTest, LikelihoodsAreDividedByTheirSumInDoublePrecision) {
+  const std::string path = FreshTestFolder("f") + "/a.tif";
+  ByteImage stored = RandomPart(kWidth, kHeight, kClasses);
+  for (int c = 0; c < kClasses; ++c) stored.at(100, 50, c) = 0;
+  ASSERT_TRUE(WriteLikelihoodTiff(path, stored).ok());
+  const auto read = ReadLikelihoods(path, kClasses, kLenses[0]);
+  ASSERT_TRUE(read.ok()) << read.status();
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      double sum = 0;
+      for (int c = 0; c < kClasses; ++c) sum += stored.at(x, y, c);
+      for (int c = 0; c < kClasses; ++c) {
+        const double share = sum > 0 ? stored.at(x, y, c) / sum : 1.0 / kClasses;
+        ASSERT_EQ(read->at(x, y, c), static_cast<float>(share)) << x << ", " << y;
+      }
+    }
+  }
+}
+
+std::string NpyBytes(const std::string& header, const void* values, size_t size_bytes) {
+  std::string npy("\x93NUMPY\x01\x00", 8);
+  npy += static_cast<char>(header.size());
+  npy += '\0';
+  return npy + header + std::string(static_cast<const char*>(values), size_bytes);
+}
+
+TEST(ImagePartTest, NamesTheFirstPixelThatIsNoLikelihood) {
+  const std::string path = FreshTestFolder("f") + "/a.npy";
+  for (const float wrong : {-0.5f, std::nanf(""), HUGE_VALF}) {
+    std::vector<float> values(kClasses * kWidth * kHeight, 0.25f);
+    const auto at = [&](int c, int y, int x) -> float& { return values[(c * kHeight + y) * kWidth + x]; };
+    at(1, 99, 7) = at(1, 99, 8) = at(1, 120, 0) = at(2, 0, 0) = wrong;
+    WriteText(path, NpyBytes("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 131, 173), }", values.data(),
+                             values.size() * sizeof(float)));
+    const auto read = ReadLikelihoods(path, kClasses, kLenses[0]);
+    EXPECT_NE(read.status().message().find("class 1, pixel (7, 99)"), std::string::npos) << read.status();
+  }
+}
+
+TEST(ImagePartTest, ExtentsOfArraysOfOtherForms) {
+  const std::string path = FreshTestFolder("f") + "/a.npy";
+  const std::vector<uint8_t> values(kClasses * kWidth * kHeight, 1);
+  WriteText(path, NpyBytes("{'descr': '|u1', 'fortran_order': False, 'shape': (131, 173, 3), }", values.data(),
+                           values.size()));
+  CheckLikelihoods(path);
+  WriteText(path,
+            NpyBytes("{'descr': '|u1', 'fortran_order': False, 'shape': (131, 173), }", values.data(), kWidth * kHeight));
+  CheckLikelihoods(path);
+  // A header that is longer than what is read of the file first.
+  const std::string header =
+      "{'descr': '|u1', 'fortran_order': False, 'shape': (3, 131, 173), }" + std::string(size_t{1} << 18, ' ');
+  const auto length = static_cast<uint32_t>(header.size());
+  const std::string begin("\x93NUMPY\x02\x00", 8), size(reinterpret_cast<const char*>(&length), 4);
+  WriteText(path, begin + size + header + std::string(values.begin(), values.end()));
+  CheckLikelihoods(path);
+  WriteText(path, begin + size + header);
+  EXPECT_FALSE(ReadLikelihoodExtent(path, kClasses, kLenses[0], kParts[0]).ok());
 }
 
 TEST(ImagePartTest, OfCoarserLikelihoods) {
@@ -172,11 +238,8 @@ TEST(ImagePartTest, OfLikelihoodsInTiles) {
 TEST(ImagePartTest, OfLikelihoodsInAnArray) {
   const std::string path = FreshTestFolder("f") + "/a.npy";
   const ByteImage image = RandomPart(kWidth, kHeight, kClasses);
-  const std::string header = "{'descr': '|u1', 'fortran_order': False, 'shape': (3, 131, 173), }";
-  std::string npy("\x93NUMPY\x01\x00", 8);
-  npy += static_cast<char>(header.size());
-  npy += '\0';
-  WriteText(path, npy + header + std::string(image.data.begin(), image.data.end()));
+  WriteText(path, NpyBytes("{'descr': '|u1', 'fortran_order': False, 'shape': (3, 131, 173), }", image.data.data(),
+                           image.data.size()));
   CheckLikelihoods(path);
 }
 

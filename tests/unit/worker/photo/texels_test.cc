@@ -89,5 +89,17 @@ TEST(Texels, FinerLikelihoodsAreAveragedOverThePixel) {
   }
 }
 
+TEST(Texels, CodesOfManyValuesEqualThoseOfOne) {
+  std::vector<float> values = {0, -0.0f, 1, -1, 2, 0.5f, std::nanf(""), HUGE_VALF, -HUGE_VALF};
+  for (int i = -5; i < 70000; ++i) values.push_back(static_cast<float>(i) / 65534 + 1e-7f);
+  const std::vector<uint16_t> codes = LuminanceCodes(values);
+  ASSERT_EQ(codes.size(), values.size());
+  for (size_t i = 0; i < values.size(); ++i) EXPECT_EQ(codes[i], LuminanceCode(values[i])) << values[i];
+  std::erase_if(values, [](float value) { return std::isnan(value); });
+  const std::vector<uint8_t> steps = LikelihoodStepsOf(values);
+  ASSERT_EQ(steps.size(), values.size());
+  for (size_t i = 0; i < values.size(); ++i) EXPECT_EQ(steps[i], LikelihoodStep(values[i])) << values[i];
+}
+
 }  // namespace
 }  // namespace tessera
