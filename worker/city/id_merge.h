@@ -1,6 +1,8 @@
 // Merges many ascending lists of ids.
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <queue>
@@ -9,14 +11,34 @@
 
 namespace tessera {
 
-// Calls found(i, k) for each some[i] == all[k]. Both ascend.
+// The first index after `k` with values[index] >= value, or the size. `values` ascends, values[k] < value. Takes few
+// steps if the index is near.
+inline size_t NextNotBelow(std::span<const uint32_t> values, size_t k, uint32_t value) {
+  if (++k == values.size() || values[k] >= value) return k;
+  size_t step = 1;
+  while (k + step < values.size() && values[k + step] < value) {
+    k += step;
+    step *= 2;
+  }
+  const auto end = values.begin() + static_cast<ptrdiff_t>(std::min(values.size(), k + step));
+  return static_cast<size_t>(std::lower_bound(values.begin() + static_cast<ptrdiff_t>(k), end, value) -
+                             values.begin());
+}
+
+// Calls found(i, k) for each some[i] == all[k]. Both ascend. Skips what only one of them has: a tile's ids are a small
+// part of a package's.
 template <class Found>
 void ForSharedIds(std::span<const uint32_t> some, std::span<const uint32_t> all, const Found& found) {
-  size_t k = 0;
-  for (size_t i = 0; i < some.size(); ++i) {
-    while (k < all.size() && all[k] < some[i]) ++k;
-    if (k == all.size()) return;
-    if (all[k] == some[i]) found(i, k);
+  size_t i = 0, k = 0;
+  while (i < some.size() && k < all.size()) {
+    if (some[i] == all[k]) {
+      found(i, k);
+      ++i;  // the next one may be equal
+    } else if (all[k] < some[i]) {
+      k = NextNotBelow(all, k, some[i]);
+    } else {
+      i = NextNotBelow(some, i, all[k]);
+    }
   }
 }
 
