@@ -95,7 +95,9 @@ PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
 void PhotoTerm::FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                          const MeshCells* cells) {
   const CellBoxes boxes(mesh, cells);
+  near_own_.clear();
   own_parts_.clear();
+  all_parts_.faces = {{0, static_cast<uint32_t>(mesh.faces.size())}};
   target_rects_.clear();
   VisibleCellsProblem problem;
   for (size_t v = 0; v < views_.size(); ++v) {
@@ -118,14 +120,22 @@ void PhotoTerm::FindWork(const std::vector<ViewPair>& pairs, const TriangleMesh&
   problem.target_margin_px = 1;
   const VisibleCells visible = FindVisibleCells(problem);
   parts_.resize(views_.size());
+  near_own_.resize(views_.size());
   own_parts_.resize(views_.size());
   ParallelForEach(views_.size(), 1, [&](size_t v) {
     parts_[v] = boxes.PartOf(visible.cells[v]);
-    std::vector<uint32_t> own_cells;
-    std::set_intersection(visible.cells[v].begin(), visible.cells[v].end(), problem.own[v].begin(),
-                          problem.own[v].end(), std::back_inserter(own_cells));
-    own_parts_[v] = boxes.PartOf(own_cells);
+    near_own_[v] = boxes.PartOf(visible.own_cells[v]);
+    own_parts_[v] = boxes.PartOf(problem.own[v]);
   });
+  std::vector<uint8_t> is_drawn(cells->size(), 0);
+  for (const std::vector<uint32_t>& of_view : visible.cells) {
+    for (const uint32_t c : of_view) is_drawn[c] = 1;
+  }
+  std::vector<uint32_t> drawn;
+  for (uint32_t c = 0; c < is_drawn.size(); ++c) {
+    if (is_drawn[c]) drawn.push_back(c);
+  }
+  all_parts_ = boxes.PartOf(drawn);
   for (size_t v = 0; v < views_.size(); ++v) {
     if (!views_[v].stored) continue;
     const auto window = [&](const PixelRect& needed) {
@@ -238,7 +248,7 @@ void PhotoTerm::BeginBatch(size_t step, size_t end, const TriangleMesh& mesh, co
     const PhotoView& from = ReferenceOf(view);
     const Vector3d centre = from.camera.Centre();
     reference.offsets.resize(mesh.faces.size());
-    ForFaces(parts_[view], [&](int64_t f) {
+    ForFaces(near_own_.empty() ? parts_[view] : near_own_[view], [&](int64_t f) {
       reference.offsets[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre));
     });
     reference.warps.clear();
@@ -247,8 +257,8 @@ void PhotoTerm::BeginBatch(size_t step, size_t end, const TriangleMesh& mesh, co
       if (target_rects_[j].empty()) continue;
       reference.warps.push_back(MakeZnccPair(from, views_[j].camera, targets_[j], options_.occlusion_px));
     }
-    reference.gatherer.Begin(mesh, own_parts_.empty() ? parts_[view] : own_parts_[view], from.camera, maps_[view], own, reference.strips,
-                             i == 0 ? StripSums::kAtOnce : StripSums::kWait, &out->faces);
+    reference.gatherer.Begin(mesh, own_parts_.empty() ? parts_[view] : own_parts_[view], from.camera, maps_[view], own,
+                             reference.strips, i == 0 ? StripSums::kAtOnce : StripSums::kWait, &out->faces);
   });
 }
 
@@ -311,8 +321,8 @@ void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh&
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());
   out->faces.resize(mesh.faces.size());
-  ParallelForEach(mesh.faces.size(), kFaceGrain, [&](int64_t f) {
-    out->faces[f] = FaceSums();
+  ParallelForEach(mesh.faces.size(), kFaceGrain, [&](size_t f) { out->faces[f] = FaceSums(); });
+  ForFaces(all_parts_, [&](int64_t f) {
     normals_[f] = FaceNormal(mesh, f);
     plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
   });

@@ -151,9 +151,11 @@ class PhotoTerm {
   std::vector<std::vector<uint8_t>> selected_;  // per view: ViewGroups::SelectedIn
   Rasterizer rasterizer_;
   ViewSchedule schedule_;
-  // parts_: the cells of the mesh drawn per view. own_parts_: of these, the cells with own faces; empty: all.
-  // target_rects_, reference_rects_: the pixels read as a target and as a reference; empty: none.
-  std::vector<MeshPart> parts_, own_parts_;
+  // parts_: the cells of the mesh drawn per view. all_parts_: those of any view. near_own_, own_parts_: per view, those
+  // that the reference may show near own pixels, and those with own faces; empty: as parts_. target_rects_,
+  // reference_rects_: the pixels read as a target and as a reference; empty: none.
+  std::vector<MeshPart> parts_, near_own_, own_parts_;
+  MeshPart all_parts_;
   std::vector<PixelRect> target_rects_, reference_rects_;
   std::vector<PhotoView> references_;         // of narrow views while open
   std::vector<FaceMap> drawn_;                // of views being opened

@@ -1,6 +1,7 @@
 #include "worker/visibility/visible_cells.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "common/base/parallel.h"
 #include "worker/visibility/rasterizer.h"
@@ -138,6 +139,7 @@ VisibleCells FindVisibleCells(const VisibleCellsProblem& problem) {
       if (needed[v].Meets(other.pixels)) visible.cells[v].push_back(other.cell);
     }
   });
+  visible.own_cells = std::move(shown);
   return visible;
 }
 

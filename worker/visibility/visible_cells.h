@@ -22,7 +22,9 @@ struct VisibleCellsProblem {
 struct VisibleCells {
   std::vector<std::vector<uint32_t>> cells;  // per view: cells that a needed pixel may show, ascending
   std::vector<PixelRect> windows;            // per view: smallest rectangle with all needed pixels; may be empty
-  std::vector<PixelRect> own_windows;        // as `windows`, step 1 alone: what derivatives of own cells read
+  // As the above, of step 1 alone: what derivatives of own cells read.
+  std::vector<std::vector<uint32_t>> own_cells;
+  std::vector<PixelRect> own_windows;
 };
 
 // A conservative bound, in three steps:

@@ -81,6 +81,7 @@ TEST(FindVisibleCells, ContainsAllCellsThatOwnPixelsCanDependOn) {
     };
     for (int v = 0; v < kViews; ++v) {
       left_out += 60 - static_cast<int64_t>(sight.cells[v].size());
+      EXPECT_TRUE(std::ranges::includes(sight.cells[v], sight.own_cells[v]));
       for (const Sample& own : samples) {
         if (!Has(problem.own[v], own.cell) || !in_view(v, own)) continue;
         ++own_pixels;
@@ -89,6 +90,7 @@ TEST(FindVisibleCells, ContainsAllCellsThatOwnPixelsCanDependOn) {
         for (const Sample& other : samples) {
           if (!in_view(v, other) || !Within(at(v, own), at(v, other), problem.reference_margin_px)) continue;
           ASSERT_TRUE(Has(sight.cells[v], other.cell)) << "seed " << seed;
+          ASSERT_TRUE(Has(sight.own_cells[v], other.cell)) << "seed " << seed;
           ASSERT_TRUE(Holds(sight.own_windows[v], at(v, other))) << "seed " << seed;
           // It may be warped to any pixel within the margin of its projection.
           if (v == 0 || !in_view(v - 1, other)) continue;
