@@ -155,7 +155,7 @@ double PhotoTerm::OpenBytes(size_t view) const {
   return (read + kTarget) * pixels(target_rects_[view]) + (IsNarrow(view) ? read * pixels(reference_rects_[view]) : 0);
 }
 
-void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit) {
+void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const FaceBits* own, const MapVisitor& visit) {
   std::vector<size_t> open = schedule_.Open(step, ThreadCount(), [&](size_t view) { return OpenBytes(view); });
   std::erase_if(open, [&](size_t view) { return target_rects_[view].empty(); });
   if (open.empty()) return;
@@ -191,7 +191,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
       std::swap(drawn_[i], maps_[view]);
     }
     if (visit) visit(view, ReferenceOf(view), maps_[view]);
-    if (!own.empty()) KeepNearOwn(own, 2 * options_.window.radius, &maps_[view]);
+    if (own != nullptr) KeepNearOwn(*own, 2 * options_.window.radius, &maps_[view]);
   });
 }
 
@@ -328,10 +328,11 @@ void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh&
   });
   out->sums = ZnccSums();
   out->warped_pixels = 0;
+  const FaceBits own_bits(own);
   const double bytes_each = FaceGatherer::Bytes(mesh) + sizeof(float) * static_cast<double>(mesh.faces.size());
   for (size_t step = 0; step < views_.size();) {
     const double open_s = Seconds(clock);
-    Open(step, mesh, own, visit);
+    Open(step, mesh, own.empty() ? nullptr : &own_bits, visit);
     out->seconds_visibility += Seconds(clock) - open_s;
     const size_t end = schedule_.EndOfBatch(step, ThreadCount(), [&](size_t v) { return StripsOf(v); }, bytes_each);
     BeginBatch(step, end, mesh, own, out);

@@ -134,7 +134,8 @@ class PhotoTerm {
   // Memory of a view while it is open.
   double OpenBytes(size_t view) const;
   // Opens the views that reference `step` needs, if they are not open, and then some later ones (ViewSchedule).
-  void Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit);
+  // `own`: null: all.
+  void Open(size_t step, const TriangleMesh& mesh, const FaceBits* own, const MapVisitor& visit);
   void Close(size_t step);
   // Strips of a view as a reference; 0: it has no pairs or no pixels.
   int StripsOf(size_t view) const;

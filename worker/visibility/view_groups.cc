@@ -10,6 +10,8 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kRowGrain = 64;
+constexpr int kRun_px = 16;        // pixels that are tested together
+constexpr int32_t kMostWords = 8;  // that a range of faces is compared with
 
 }  // namespace
 
@@ -20,7 +22,25 @@ std::vector<uint8_t> ViewGroups::SelectedIn(size_t view) const {
   return out;
 }
 
-void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
+FaceBits::FaceBits(const std::vector<uint8_t>& flags) : words_((flags.size() + 63) / 64) {
+  for (size_t f = 0; f < flags.size(); ++f) words_[f / 64] |= static_cast<uint64_t>(flags[f] != 0) << (f % 64);
+}
+
+FaceBits::Share FaceBits::Of(int32_t first, int32_t last) const {
+  const int32_t begin = first >> 6, end = last >> 6;
+  if (end - begin >= kMostWords) return Share::kSome;
+  uint64_t any = 0, missing = 0;
+  for (int32_t w = begin; w <= end; ++w) {
+    uint64_t mask = ~uint64_t{0};
+    if (w == begin) mask &= ~uint64_t{0} << (first & 63);
+    if (w == end) mask &= ~uint64_t{0} >> (63 - (last & 63));
+    any |= words_[w] & mask;
+    missing |= ~words_[w] & mask;
+  }
+  return any == 0 ? Share::kNone : missing == 0 ? Share::kAll : Share::kSome;
+}
+
+void KeepNearOwn(const FaceBits& own, int margin_px, FaceMap* map) {
   // A separable dilation of the own pixels: along rows first, then along columns.
   assert(margin_px < 128);
   const int width = map->width, height = map->height;
@@ -29,12 +49,30 @@ void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
     const int32_t* face = map->face.data() + y * width;
     uint8_t* row = wide.data() + y * width;
     int marked = 0;  // columns before it are final
-    for (int x = 0; x < width; ++x) {
-      if (face[x] < 0 || !own[face[x]]) continue;
-      const int first = std::max(marked, x - margin_px), last = std::min(width, x + margin_px + 1);
+    const auto mark = [&](int begin, int end) {
+      const int first = std::max(marked, begin - margin_px), last = std::min(width, end + margin_px);
       std::fill(row + first, row + last, 1);
       marked = last;
       has[y] = 1;
+    };
+    for (int x = 0; x < width; x += kRun_px) {
+      const int end = std::min(width, x + kRun_px);
+      int32_t low = face[x], high = face[x];
+      for (int k = x + 1; k < end; ++k) {
+        low = std::min(low, face[k]);
+        high = std::max(high, face[k]);
+      }
+      if (high < 0) continue;
+      // Faces of a run are mostly of one cell, with ids near each other and equal flags.
+      const FaceBits::Share share = low < 0 ? FaceBits::Share::kSome : own.Of(low, high);
+      if (share == FaceBits::Share::kNone) continue;
+      if (share == FaceBits::Share::kAll) {
+        mark(x, end);
+        continue;
+      }
+      for (int k = x; k < end; ++k) {
+        if (face[k] >= 0 && own[face[k]]) mark(k, k + 1);
+      }
     }
   });
   ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {

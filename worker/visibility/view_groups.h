@@ -24,8 +24,21 @@ inline FaceSelection SelectionOf(const ViewGroups& groups, const std::vector<uin
   return selected.empty() ? FaceSelection() : FaceSelection{groups.group_of_face.data(), selected.data()};
 }
 
+// Flags of faces as bits, which stay in the cache.
+class FaceBits {
+ public:
+  explicit FaceBits(const std::vector<uint8_t>& flags);
+  bool operator[](int32_t face) const { return (words_[face >> 6] >> (face & 63) & 1) != 0; }
+  enum class Share { kNone, kSome, kAll };
+  // How many of the faces [first, last] have a flag. kSome is allowed for any range of several words.
+  Share Of(int32_t first, int32_t last) const;
+
+ private:
+  std::vector<uint64_t> words_;
+};
+
 // Sets FaceMap::face to -1 at every pixel that lies more than `margin_px` rows or columns from all pixels of faces
 // with a flag in `own`. Depths stay.
-void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map);
+void KeepNearOwn(const FaceBits& own, int margin_px, FaceMap* map);
 
 }  // namespace tessera

@@ -31,7 +31,7 @@ TEST(KeepNearOwn, KeepsExactlyThePixelsWithinTheMargin) {
     }
     if (run % 2 == 0) map.face[random.Below(map.face.size())] = 0;
     const FaceMap before = map;
-    KeepNearOwn(own, margin, &map);
+    KeepNearOwn(FaceBits(own), margin, &map);
     for (int y = 0; y < map.height; ++y) {
       for (int x = 0; x < map.width; ++x) {
         bool near = false;
@@ -50,6 +50,51 @@ TEST(KeepNearOwn, KeepsExactlyThePixelsWithinTheMargin) {
   }
   EXPECT_GT(kept, 1000);
   EXPECT_GT(dropped, 1000);
+}
+
+// Neighbouring pixels show faces of one cell, whose flags are equal: whole runs are kept or dropped.
+TEST(KeepNearOwn, KeepsWholeRunsOfOwnCells) {
+  constexpr int kCellFaces = 150, kCellPixels = 37;
+  Random random(8);
+  FaceMap map;
+  map.width = 400;
+  map.height = 6;
+  std::vector<uint8_t> own;
+  for (int cell = 0; cell < 12; ++cell) own.insert(own.end(), kCellFaces, cell % 3 == 0);
+  for (int y = 0; y < map.height; ++y) {
+    for (int x = 0; x < map.width; ++x) {
+      const auto face = static_cast<int32_t>(x / kCellPixels * kCellFaces + random.Below(kCellFaces));
+      map.face.push_back(y == 2 && random.Uniform() < 0.1 ? -1 : face);
+      map.depth.push_back(1);
+    }
+  }
+  const FaceMap before = map;
+  KeepNearOwn(FaceBits(own), 0, &map);
+  for (size_t i = 0; i < map.face.size(); ++i) {
+    ASSERT_EQ(map.face[i], before.face[i] >= 0 && own[before.face[i]] ? before.face[i] : -1) << i;
+  }
+}
+
+TEST(FaceBits, ComparesRangesWithEachFace) {
+  Random random(9);
+  std::vector<uint8_t> flags(700);
+  for (size_t f = 0; f < flags.size(); ++f) flags[f] = f < 200 || (f >= 400 && random.Uniform() < 0.01);
+  const FaceBits bits(flags);
+  int decided = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const auto first = static_cast<int32_t>(random.Below(flags.size()));
+    const auto last = std::min<int32_t>(first + static_cast<int32_t>(random.Below(i % 2 == 0 ? 300 : 700)), 699);
+    const auto count = std::count(flags.begin() + first, flags.begin() + last + 1, 1);
+    const FaceBits::Share share = bits.Of(first, last);
+    if (share != FaceBits::Share::kSome) {
+      ++decided;
+      ASSERT_EQ(count, share == FaceBits::Share::kAll ? last - first + 1 : 0) << first << " to " << last;
+    } else if (last - first < 200) {
+      ASSERT_TRUE(count > 0 && count <= last - first) << first << " to " << last;
+    }
+    EXPECT_EQ(bits[first], flags[first] != 0);
+  }
+  EXPECT_GT(decided, 500);
 }
 
 }  // namespace
