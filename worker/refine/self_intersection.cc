@@ -159,16 +159,20 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
   if (active.empty()) return {};
   std::vector<uint8_t> is_active(mesh.faces.size());
   for (uint32_t f : active) is_active[f] = 1;
-  const bool all_active = active.size() == order_.size();
   // Leaf by leaf along the curve. A pair of two active faces is found by the earlier one.
   const auto is_active_at = [&](size_t i) { return is_active[order_[i]] != 0; };
   const auto faces_end = [&](size_t leaf) { return std::min((leaf + 1) * kLeafFaces, order_.size()); };
+  std::vector<uint8_t> all_active(2 * leaves_, 1);  // per node: no face below it is inactive
   const std::vector<uint32_t> queries =
       IndicesWhere((order_.size() + kLeafFaces - 1) / kLeafFaces, kGrain, [&](size_t leaf) {
         bool any = false;
-        for (size_t i = leaf * kLeafFaces; i < faces_end(leaf); ++i) any |= is_active_at(i);
+        for (size_t i = leaf * kLeafFaces; i < faces_end(leaf); ++i) {
+          any |= is_active_at(i);
+          all_active[leaves_ + leaf] &= static_cast<uint8_t>(is_active_at(i));
+        }
         return any;
       });
+  for (size_t n = leaves_; n-- > 1;) all_active[n] = all_active[2 * n] & all_active[2 * n + 1];
   const auto count = static_cast<int64_t>(queries.size());
   std::vector<std::vector<FacePair>> found(static_cast<size_t>((count + kLeafGrain - 1) / kLeafGrain));
   ParallelFor(count, kLeafGrain, [&](int64_t begin, int64_t end) {
@@ -181,9 +185,9 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
       while (!stack.empty()) {
         const size_t node = stack.back();
         stack.pop_back();
-        // If all faces are active, earlier leaves have already found the pairs of whole subtrees.
+        // Earlier leaves have already found the pairs with their active faces.
         const size_t span = leaves_ >> (std::bit_width(node) - 1);
-        if (all_active && (node + 1) * span <= leaves_ + leaf) continue;
+        if (all_active[node] && (node + 1) * span <= leaves_ + leaf) continue;
         if (!Overlap(nodes_[node], box)) continue;
         if (node < leaves_) {
           stack.push_back(2 * node + 1);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
@@ -112,14 +113,22 @@ TEST(FaceBoxes, ActiveFacesGiveTheSubsetOfAllPairs) {
   Roughen(mesh, 0.05, 1);
   boxes.Refit(mesh);
   const std::vector<FacePair> all = IntersectingFacePairs(mesh);
-  std::vector<uint32_t> active;
-  for (uint32_t f = 0; f < mesh.faces.size(); f += 7) active.push_back(f);
-  std::vector<FacePair> expected;
-  for (const FacePair& p : all) {
-    if (p[0] % 7 == 0 || p[1] % 7 == 0) expected.push_back(p);
+  // Some faces; all but some; all of a part, where whole subtrees of boxes are active.
+  const std::function<bool(uint32_t)> cases[] = {[](uint32_t f) { return f % 7 == 0; },
+                                                 [](uint32_t f) { return f % 70 != 0; },
+                                                 [&](uint32_t f) { return f > mesh.faces.size() / 3; }};
+  for (const auto& is_active : cases) {
+    std::vector<uint32_t> active;
+    for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
+      if (is_active(f)) active.push_back(f);
+    }
+    std::vector<FacePair> expected;
+    for (const FacePair& p : all) {
+      if (is_active(p[0]) || is_active(p[1])) expected.push_back(p);
+    }
+    EXPECT_GT(expected.size(), 50u);
+    EXPECT_EQ(boxes.Intersections(mesh, active), expected);
   }
-  EXPECT_GT(expected.size(), 50u);
-  EXPECT_EQ(boxes.Intersections(mesh, active), expected);
 }
 
 // A start, a motion, and the repaired positions.
