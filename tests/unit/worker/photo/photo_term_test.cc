@@ -232,6 +232,46 @@ TEST(PhotoTerm, ResultIsIndependentOfThreads) {
   }
 }
 
+// With cells, only those that own pixels may show are drawn, and only vertices of cells with own faces are projected.
+TEST(PhotoTerm, CellsChangeNoSumOfOwnFaces) {
+  Scene scene;
+  for (PhotoView& view : scene.views) view.depths = {1, 100};
+  const TriangleMesh& mesh = scene.mesh;
+  constexpr uint32_t kCells = 12;
+  MeshCells cells;
+  ViewGroups groups;
+  for (uint32_t c = 0; c <= kCells; ++c) {
+    cells.face_begin.push_back(static_cast<uint32_t>(mesh.faces.size() * c / kCells));
+    cells.vertex_begin.push_back(static_cast<uint32_t>(mesh.vertices.size() * c / kCells));
+  }
+  cells.vertex_cells.resize(kCells);
+  FindVertexCells(mesh.faces, &cells);
+  for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
+    const auto after = std::upper_bound(cells.face_begin.begin(), cells.face_begin.end(), f);
+    groups.group_of_face.push_back(static_cast<uint32_t>(after - cells.face_begin.begin() - 1));
+  }
+  groups.selected.assign(kCells, std::vector<uint8_t>(scene.views.size(), 1));
+  std::vector<uint8_t> own(mesh.faces.size(), 0);
+  std::fill(own.begin() + cells.face_begin[4] + 5, own.begin() + cells.face_begin[7], 1);
+  const std::vector<ViewPair> pairs = {{0, 1}, {0, 2}, {1, 0}, {2, 0}, {3, 0}};
+  PhotoSums with;
+  std::vector<PhotoView> at_hand = scene.views;
+  PhotoTerm term(&at_hand, scene.options, &groups);
+  term.Evaluate(pairs, mesh, {}, &cells, nullptr, &with);
+  for (Vector3d& v : scene.mesh.vertices) v.z() += 0.2;  // what is kept from the first time is wrong now
+  term.Evaluate(pairs, mesh, own, &cells, nullptr, &with);
+  const PhotoSums without = scene.Faces(pairs, own);
+  int64_t seen = 0;
+  for (size_t f = 0; f < own.size(); ++f) {
+    if (!own[f]) continue;
+    seen += with.faces[f].pairs > 0;
+    EXPECT_EQ(with.faces[f].gradient, without.faces[f].gradient) << "face " << f;
+    EXPECT_EQ(with.faces[f].curvature, without.faces[f].curvature) << "face " << f;
+    EXPECT_EQ(with.faces[f].pairs, without.faces[f].pairs) << "face " << f;
+  }
+  EXPECT_GT(seen, 30);
+}
+
 // Many threads evaluate several references together, as far as their views are open.
 TEST(PhotoTerm, SumsOfManyReferencesAreIndependentOfThreads) {
   Scene scene;
