@@ -5,8 +5,8 @@
 #include <cassert>
 #include <cmath>
 
+#include "common/base/loops/uninitialized_vector.h"
 #include "common/base/parallel.h"
-#include "common/base/uninitialized_vector.h"
 
 namespace tessera {
 namespace {

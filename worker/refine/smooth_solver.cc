@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "common/base/loops/parallel_sort.h"
+#include "common/base/loops/uninitialized_vector.h"
 #include "common/base/parallel.h"
-#include "common/base/uninitialized_vector.h"
 #include "worker/refine/inter_term.h"
 #include "worker/refine/morton.h"
 #include "worker/refine/smooth_term.h"

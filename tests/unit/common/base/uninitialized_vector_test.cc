@@ -1,4 +1,4 @@
-#include "common/base/uninitialized_vector.h"
+#include "common/base/loops/uninitialized_vector.h"
 
 #include <gtest/gtest.h>
 
