@@ -100,10 +100,9 @@ void ArrayFileWriter::Write(uint64_t offset, const char* data, size_t size_bytes
 }
 
 void ArrayFileWriter::AppendBytes(const std::string& name, size_t type, const void* data, size_t size_bytes) {
-  const auto found = std::lower_bound(header_.entries.begin(), header_.entries.end(), name,
-                                      [](const ArrayFileHeader::Entry& entry, const std::string& of) {
-                                        return entry.name < of;
-                                      });
+  const auto found =
+      std::lower_bound(header_.entries.begin(), header_.entries.end(), name,
+                       [](const ArrayFileHeader::Entry& entry, const std::string& of) { return entry.name < of; });
   const auto i = static_cast<size_t>(found - header_.entries.begin());
   if (i == regions_.size() || found->name != name || found->type != type) std::abort();
   Region& region = regions_[i];

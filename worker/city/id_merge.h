@@ -21,8 +21,7 @@ inline size_t NextNotBelow(std::span<const uint32_t> values, size_t k, uint32_t 
     step *= 2;
   }
   const auto end = values.begin() + static_cast<ptrdiff_t>(std::min(values.size(), k + step));
-  return static_cast<size_t>(std::lower_bound(values.begin() + static_cast<ptrdiff_t>(k), end, value) -
-                             values.begin());
+  return static_cast<size_t>(std::lower_bound(values.begin() + static_cast<ptrdiff_t>(k), end, value) - values.begin());
 }
 
 // Calls found(i, k) for each some[i] == all[k]. Both ascend. Skips what only one of them has: a tile's ids are a small

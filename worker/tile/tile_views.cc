@@ -91,16 +91,14 @@ StatusOr<LoadedCrop> ReadCrop(const TilePackage& package, const std::string& fol
   const SceneView& view = package.views[view_index];
   LoadedCrop crop;
   {
-    TESSERA_ASSIGN_OR_RETURN(
-        const FloatImage image,
-        ReadLuminancePart(folder + "/" + view.image_path, view.lens, PartOf(shape.rect), OptionsOf(folder, view)));
+    TESSERA_ASSIGN_OR_RETURN(const FloatImage image, ReadLuminancePart(folder + "/" + view.image_path, view.lens,
+                                                                       PartOf(shape.rect), OptionsOf(folder, view)));
     crop.luminance[0] = LuminanceCodes(image.data);
   }
   if (shape.classes > 0) {
     const std::string path = folder + "/" + view.likelihood_path;
-    TESSERA_ASSIGN_OR_RETURN(
-        const LikelihoodPart part,
-        ReadLikelihoodPart(path, shape.classes, view.lens, PartOf(shape.rect), view.likelihood_form));
+    TESSERA_ASSIGN_OR_RETURN(const LikelihoodPart part, ReadLikelihoodPart(path, shape.classes, view.lens,
+                                                                           PartOf(shape.rect), view.likelihood_form));
     crop.likelihoods[0] = LikelihoodStepsOf(part.pixels.data);
     if (crop.likelihoods[0].size() != shape.likelihood_values()) {
       return absl::UnavailableError(path + ": changed while it was read");
@@ -344,9 +342,8 @@ Status CropTileViews(const TilePackage& package, const std::string& folder, cons
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.9 * static_cast<double>(first) / static_cast<double>(shown.size()), "reading images");
     std::vector<StatusOr<LoadedCrop>> crops(std::min(at_once, shown.size() - first));
-    ParallelForEach(crops.size(), 1, [&](size_t i) {
-      crops[i] = ReadCrop(package, folder, shown[first + i], shapes[first + i]);
-    });
+    ParallelForEach(crops.size(), 1,
+                    [&](size_t i) { crops[i] = ReadCrop(package, folder, shown[first + i], shapes[first + i]); });
     for (size_t i = 0; i < crops.size(); ++i) {
       TESSERA_ASSIGN_OR_RETURN(const LoadedCrop crop, std::move(crops[i]));
       writer.Add(first + i, crop);

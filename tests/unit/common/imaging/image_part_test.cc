@@ -114,8 +114,8 @@ void CheckLikelihoods(const std::string& path) {
       ASSERT_TRUE(extent.ok()) << extent.status();
       EXPECT_EQ(extent->whole_width, whole->width);
       EXPECT_EQ(extent->whole_height, whole->height);
-      EXPECT_EQ(extent->part, (ImagePart{read->x0, read->y0, read->x0 + read->pixels.width,
-                                         read->y0 + read->pixels.height}));
+      EXPECT_EQ(extent->part,
+                (ImagePart{read->x0, read->y0, read->x0 + read->pixels.width, read->y0 + read->pixels.height}));
       ExpectEqualsPart(read->pixels, *whole, read->x0, read->y0);
       if (whole->width == kWidth) {
         EXPECT_EQ(read->pixels.width, part.width());
@@ -183,8 +183,8 @@ TEST(ImagePartTest, ExtentsOfArraysOfOtherForms) {
   WriteText(path, NpyBytes("{'descr': '|u1', 'fortran_order': False, 'shape': (131, 173, 3), }", values.data(),
                            values.size()));
   CheckLikelihoods(path);
-  WriteText(path,
-            NpyBytes("{'descr': '|u1', 'fortran_order': False, 'shape': (131, 173), }", values.data(), kWidth * kHeight));
+  WriteText(path, NpyBytes("{'descr': '|u1', 'fortran_order': False, 'shape': (131, 173), }", values.data(),
+                           kWidth * kHeight));
   CheckLikelihoods(path);
   // A header that is longer than what is read of the file first.
   const std::string header =
