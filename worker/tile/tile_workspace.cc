@@ -122,6 +122,11 @@ RegionRepair* TileWorkspace::KeptRepair(const StepperOptions& options) {
 
 size_t TileWorkspace::bytes() const {
   size_t bytes = (kPackageBytes + (snapshot_.empty() ? 0 : kSnapshotBytes)) * package_.face_ids.size();
+  if (images_ != nullptr) {
+    const TriangleMesh& surface = images_->surface;
+    bytes += surface.vertices.size() * sizeof(Eigen::Vector3d) + surface.faces.size() * sizeof(Triangle) +
+             surface.labels.size() * sizeof(int32_t);
+  }
   if (repair_ != nullptr) bytes += kRepairBytes * repair_->guard.start_normals().size();
   for (const auto& [region, part] : regions_) {
     bytes += (kRegionBytes + (region == kSolveRegion || whole_ ? kStepperBytes : 0)) * part.faces.size();

@@ -46,8 +46,9 @@ class Rasterizer {
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
   // Draws parts[i] of the mesh for windows[i]. The windows are distributed over the threads; if there are at least
-  // twice as many threads, each window is drawn by several, in bands of rows. Parts closer than `near_m` are clipped. `selections`: of the windows' views; empty: each is
-  // selected for all faces. Faces for which a view is not selected hide others all the same.
+  // twice as many threads, each window is drawn by several, in bands of rows. Parts closer than `near_m` are clipped.
+  // `selections`: of the windows' views; empty: each is selected for all faces. Faces for which a view is not selected
+  // hide others all the same.
   void DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts, std::span<const CameraWindow> windows,
                  std::vector<FaceMap>* maps, double near_m = kNearPlane_m,
                  std::span<const FaceSelection> selections = {});
