@@ -113,7 +113,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
       }
       pixels += static_cast<double>(pairs.size()) * texels.width * texels.height;
       const int strips = (texels.height + kRows - 1) / kRows;
-      gatherer.Begin(scene.mesh, part, views[i].camera, maps[i], all, strips, &sums);
+      gatherer.Begin(scene.mesh, part, views[i].camera, maps[i], all, strips, StripSums::kAtOnce, &sums);
       for (int s = 0; s < strips; ++s) {
         const double begin_s = CpuSeconds();
         strip.Reset(texels.width, texels.height, scene.options.window.radius, s * kRows,
