@@ -8,6 +8,7 @@
 #include <iterator>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "common/base/loops/indices_where.h"
@@ -325,7 +326,8 @@ SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& 
   // Only faces that moved can have new defects.
   std::vector<uint32_t> active = motion.MovingFaces(tested), defective;
   Result result;
-  std::vector<FacePair> cut;  // intersecting pairs that do not intersect at the start
+  std::vector<FacePair> cut;  // intersecting pairs that intersect neither at the start nor in `good`
+  std::optional<TriangleMesh> at_good;
   std::vector<uint8_t> is_defective(start_.faces.size()), moved(start_.faces.size());
   // Stop at the first pass without defects anywhere, since later passes would find the same. A region without defects
   // must not stop early on its own account, because the passes of other regions must not depend on it.
@@ -336,7 +338,9 @@ SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& 
     std::erase_if(cut, [&](const FacePair& p) { return moved[p[0]] || moved[p[1]]; });
     for (uint32_t f : active) moved[f] = 0;
     for (const FacePair& p : boxes_.Intersections(motion.mesh(), active)) {
-      if (!FacesMeet(start_, p[0], p[1])) cut.push_back(p);
+      if (FacesMeet(start_, p[0], p[1])) continue;
+      if (!at_good) at_good = TriangleMesh{good, start_.faces, {}};
+      if (!FacesMeet(*at_good, p[0], p[1])) cut.push_back(p);
     }
     for (uint32_t f : defective) is_defective[f] = test && !test(f, good, motion.mesh().vertices);
     if (test) {

@@ -83,9 +83,9 @@ class SurfaceRepair {
   // Pairs that intersect in `start` are accepted. `faces_of_vertex` must outlive the object.
   SurfaceRepair(const TriangleMesh& start, const CsrRows& faces_of_vertex);
 
-  // `vertices`: positions that a stage produced from `good`. If no faces are left, no two faces intersect that did
-  // not at the start, and every face passes `test` (may be null): vertices around defective faces are moved back
-  // towards `good`. Vertices that did not move stay. The result does not depend on the number of threads.
+  // `vertices`: positions that a stage produced from `good`. If no faces are left, no two faces intersect that did not
+  // at the start or in `good`, and every face passes `test` (may be null): vertices around defective faces are moved
+  // back towards `good`. Vertices that did not move stay. The result does not depend on the number of threads.
   // `tested`: flags of the faces whose defects count at first, e.g. those within a core's dependency radius; empty: all.
   Result Run(const Positions& good, const FaceTest& test, Positions* vertices, const std::vector<uint8_t>& tested = {});
 

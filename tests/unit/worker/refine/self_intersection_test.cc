@@ -226,6 +226,22 @@ TEST(SurfaceRepair, AcceptsIntersectionsOfTheStart) {
   EXPECT_TRUE(NewPairs(before, PairsByCgal(out.mesh)).empty());
 }
 
+// Moving back cannot separate them.
+TEST(SurfaceRepair, AcceptsIntersectionsFromBeforeTheStage) {
+  const TriangleMesh start = Sheets(20, 3, 0.1);
+  ASSERT_TRUE(PairsByCgal(start).empty());
+  TriangleMesh good = start;
+  good.vertices[21 * 10 + 10].z() = 0.3;
+  ASSERT_FALSE(PairsByCgal(good).empty());
+  std::vector<Vector3d> moved = good.vertices;
+  for (Vector3d& v : moved) v.z() += 0.5;
+  const std::vector<Vector3d> wanted = moved;
+  const CsrRows faces_of_vertex = FacesOfVertices(start);
+  const SurfaceRepair::Result result = SurfaceRepair(start, faces_of_vertex).Run(good.vertices, nullptr, &moved);
+  EXPECT_EQ(moved, wanted);
+  EXPECT_TRUE(result.left.empty());
+}
+
 TEST(SurfaceRepair, TerminatesForAnyMotionIndependentOfThreads) {
   for (const double sigma : {0.05, 0.3, 2.0}) {
     const TriangleMesh start = Joined(ThinWall(20, 0.1), HeightField(20, 4, [](double, double) { return -0.2; }));
