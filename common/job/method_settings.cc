@@ -98,7 +98,7 @@ std::span<const ListSetting> ListSettings() {
        "Iterations of geometry, one number per level; later rounds of tessera have half",
        1,
        200,
-       {4, 8, 10},
+       {4, 8, 8},
        &MethodSettings::iterations}};
   return kSettings;
 }

@@ -37,20 +37,29 @@ MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSet
   MethodRules rules;
   if (method == "baseline") {
     rules.rounds = kBaselineRounds;
-    rules.geometry_uses_labels = rules.labels_first = rules.flips_edges = false;
+    rules.geometry_uses_labels = rules.labels_first = rules.flips_edges = rules.splits_twice = false;
   }
   if (method == "paper") {
     rules.rounds = kPaperRounds;
-    rules.labels_first = rules.flips_edges = rules.short_rounds = rules.alternate = false;
+    rules.labels_first = rules.flips_edges = rules.short_rounds = rules.alternate = rules.splits_twice = false;
   }
   if (method == kLabelsMethod) {
     rules.rounds = 1;
-    rules.geometry_uses_labels = rules.labels_first = rules.moves = rules.flips_edges = false;
+    rules.geometry_uses_labels = rules.labels_first = rules.moves = rules.flips_edges = rules.splits_twice = false;
   }
   if (rounds > 0) rules.rounds = rounds;
   if (settings.labels_first) rules.labels_first = *settings.labels_first;
   if (settings.flip_edges) rules.flips_edges = *settings.flip_edges;
   return rules;
+}
+
+int FirstFineStep(const std::vector<RefineStep>& steps, const MethodRules& rules) {
+  if (!rules.splits_twice) return 0;
+  int first = 0;
+  for (int s = 1; s < static_cast<int>(steps.size()) && steps[s].round <= 0; ++s) {
+    if (!steps[s].labels() && !steps[s - 1].labels() && steps[s].level != steps[s - 1].level) first = s;
+  }
+  return first;
 }
 
 bool LabelStepActs(const RefineStep& step, const MethodRules& rules, const LabelTraits& scene) {

@@ -48,8 +48,22 @@ struct MethodRules {
   // As MakeRefineSteps. Alternating takes half the work, and the result is as near to the truth or nearer
   // (tests/bench/speed.md).
   bool short_rounds = true, alternate = true;
+  // Split faces again before the finest level. A method without this splits them once, at the start.
+  bool splits_twice = true;
 };
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings);
+
+// A job may split large faces twice. Its coarse part moves a mesh of larger faces on the coarse levels. Then the moved
+// surface is split, and the fine part has the finest level of the first round and all later steps.
+enum class JobPart { kWhole, kCoarse, kFine };
+
+// Index of the first step of the fine part; 0: the job splits faces once.
+int FirstFineStep(const std::vector<RefineStep>& steps, const MethodRules& rules);
+
+// Whether a step of such a job belongs to the part.
+inline bool IsStepOf(JobPart part, int step, int first_fine) {
+  return part == JobPart::kWhole || (step < first_fine) == (part == JobPart::kCoarse);
+}
 
 // The properties of a scene that determine which label steps act.
 struct LabelTraits {

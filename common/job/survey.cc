@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <map>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "common/base/json_bounds.h"
@@ -76,6 +77,10 @@ Status CheckCells(const Survey& s) {
                                       std::to_string(static_cast<int64_t>(s.views.size()) - 1));
   };
   for (const SurveyCell& cell : s.cells) {
+    if (cell.fine_faces < 0 || cell.fine_faces > std::numeric_limits<uint32_t>::max()) {
+      return absl::InvalidArgumentError("survey: found fine_faces " + std::to_string(cell.fine_faces) +
+                                        ", expected 0 to 2^32 - 1");
+    }
     for (const int32_t view : cell.views) TESSERA_RETURN_IF_ERROR(check_view(view));
   }
   for (const auto& pair : s.pairs) {
@@ -211,11 +216,13 @@ static void to_json(json& j, const SurveyCell& cell) {
        {"box_min", VectorToJson(cell.box_min)},
        {"box_max", VectorToJson(cell.box_max)},
        {"views", cell.views}};
+  if (cell.fine_faces > 0) j["fine_faces"] = cell.fine_faces;
 }
 static void from_json(const json& j, SurveyCell& cell) {
   cell.x = j.at("x");
   cell.y = j.at("y");
   cell.faces = j.at("faces");
+  cell.fine_faces = j.value("fine_faces", int64_t{0});
   cell.reach_m = j.at("reach_m");
   cell.box_min = VectorFromJson(j.at("box_min"));
   cell.box_max = VectorFromJson(j.at("box_max"));

@@ -20,6 +20,7 @@ namespace tessera {
 struct SurveyCell {
   int x = 0, y = 0;
   int64_t faces = 0;
+  int64_t fine_faces = 0;  // predicted number after the second split (kSplitKind); 0: faces are not split again
   double reach_m = 0;  // largest distance of its faces' corners from the cell, in the ground plane
   // Bounding box of its faces, local frame.
   Eigen::Vector3d box_min = Eigen::Vector3d::Zero();

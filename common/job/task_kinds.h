@@ -25,12 +25,14 @@ inline constexpr char kMeasureKind[] = "measure";
 inline constexpr char kSolveKind[] = "solve";
 inline constexpr char kMendKind[] = "mend";
 inline constexpr char kRefineKind[] = "refine";
+inline constexpr char kSplitKind[] = "split";
 inline constexpr char kCompareKind[] = "compare";
 inline constexpr char kChangesKind[] = "changes";
 inline constexpr char kPublishKind[] = "publish";
 inline constexpr char kExportKind[] = "export";
 
-// The tasks of a job are planned in phases. Each phase is planned from the outputs of the phase before.
+// The tasks of a job are planned in phases. Each phase is planned from the outputs of the phase before. After a task of
+// kSplitKind the phases kCut and kRest follow once more.
 enum class TaskPhase : uint8_t {
   kSurvey,  // its last task makes kSurveyFile
   kCut,     // makes kReadsFile: which tiles read each other
@@ -46,7 +48,7 @@ struct TaskKind {
   bool makes_artifacts = false;  // its outputs are the job's results
 };
 
-inline constexpr std::array<TaskKind, 18> kTaskKinds = {{
+inline constexpr std::array<TaskKind, 19> kTaskKinds = {{
     // Some images, with their masks and likelihoods: hashes, border counts, faults.
     {kInspectKind, "inspecting the images", TaskPhase::kSurvey},
     // Scene: repaired and split mesh, survey.
@@ -65,8 +67,8 @@ inline constexpr std::array<TaskKind, 18> kTaskKinds = {{
     {.name = kCutKind, .doing = "cutting the tiles", .phase = TaskPhase::kCut, .can_quarantine = true},
     // Package and photographs: the pixels that show the tile.
     {.name = kCropKind, .doing = "cropping the images", .can_quarantine = true},
-    // City and survey: the core of a quarantined tile, unrefined.
-    {kStartKind, "writing the start of quarantined tiles"},
+    // City and survey: the core of a tile as it is at the start, or after the coarse levels.
+    {kStartKind, "writing the start of tiles"},
     // Gradients and label evidence of one step.
     {.name = kMeasureKind, .doing = "measuring", .can_quarantine = true},
     // State of the core after one step.
@@ -75,6 +77,8 @@ inline constexpr std::array<TaskKind, 18> kTaskKinds = {{
     {.name = kMendKind, .doing = "repairing", .can_quarantine = true},
     // All steps of a job's only tile.
     {kRefineKind, "refining"},
+    // City, survey and the states after the coarse levels: the city of the finest level, and its survey.
+    {kSplitKind, "splitting faces"},
     // New photographs and the base's surface: change evidence of a block of ground.
     {kCompareKind, "comparing with the earlier surface"},
     // Evidence of all blocks: changes.json, changes.geojson, changes.png.

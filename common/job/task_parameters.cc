@@ -91,6 +91,7 @@ static void to_json(json& j, const IngestParameters& p) {
   if (p.classify) j["classify"] = p.by_default_rule ? "default" : "model";
   if (p.skip_images > 0) j["skip_images"] = p.skip_images;
   if (p.anyway) j["anyway"] = true;
+  if (p.coarse_faces) j["coarse_faces"] = true;
   if (p.inspections > 0) j["inspections"] = p.inspections;
 }
 static void from_json(const json& j, IngestParameters& p) {
@@ -100,6 +101,7 @@ static void from_json(const json& j, IngestParameters& p) {
   p.by_default_rule = p.classify && j.at("classify").get<std::string>() == "default";
   p.skip_images = j.value("skip_images", 0.0);
   p.anyway = j.value("anyway", false);
+  p.coarse_faces = j.value("coarse_faces", false);
   if (j.contains("inspections")) p.inspections = j.at("inspections").get<int>();
 }
 
@@ -161,15 +163,26 @@ static void from_json(const json& j, BordersParameters& p) {
   j.at("views").get_to(p.views);
 }
 
-static void to_json(json& j, const StartParameters& p) { j = {{"tile", p.tile}}; }
-static void from_json(const json& j, StartParameters& p) { j.at("tile").get_to(p.tile); }
+static void to_json(json& j, const StartParameters& p) {
+  j = {{"tile", p.tile}};
+  if (p.moved) j["moved"] = true;
+}
+static void from_json(const json& j, StartParameters& p) {
+  j.at("tile").get_to(p.tile);
+  p.moved = j.value("moved", false);
+}
+
+static void to_json(json& j, const SplitParameters& p) { j = {{"tiles", p.tiles}}; }
+static void from_json(const json& j, SplitParameters& p) { j.at("tiles").get_to(p.tiles); }
 
 static void to_json(json& j, const RefineParameters& p) {
   j = {{"rounds", p.rounds}, {"method", p.method}, {"settings", json::parse(ToJson(p.settings))}};
+  if (p.part != JobPart::kWhole) j["part"] = p.part == JobPart::kCoarse ? "coarse" : "fine";
 }
 static void from_json(const json& j, RefineParameters& p) {
   j.at("rounds").get_to(p.rounds);
   j.at("method").get_to(p.method);
+  if (j.contains("part")) p.part = j.at("part").get<std::string>() == "coarse" ? JobPart::kCoarse : JobPart::kFine;
 }
 
 static void to_json(json& j, const StepParameters& p) {
@@ -261,6 +274,7 @@ std::string ToJson(const CutParameters& parameters) { return json(parameters).du
 std::string ToJson(const ClassifyParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const BordersParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const StartParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const SplitParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const RefineParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const StepParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const TileReads& parameters) { return json(parameters).dump(); }
@@ -278,6 +292,7 @@ StatusOr<ClassifyParameters> ParseClassifyParameters(const std::string& text) {
 }
 StatusOr<BordersParameters> ParseBordersParameters(const std::string& text) { return Parse<BordersParameters>(text); }
 StatusOr<StartParameters> ParseStartParameters(const std::string& text) { return Parse<StartParameters>(text); }
+StatusOr<SplitParameters> ParseSplitParameters(const std::string& text) { return Parse<SplitParameters>(text); }
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& text) {
   return ParseWithSettings<RefineParameters>(text);
 }

@@ -12,6 +12,7 @@
 #include "common/base/status.h"
 #include "common/job/ground.h"
 #include "common/job/method_settings.h"
+#include "common/job/refine_steps.h"
 
 namespace tessera {
 
@@ -28,6 +29,7 @@ inline constexpr char kViewsFile[] = "views.arrays";           // crop: the pixe
 inline constexpr char kReadsFile[] = "reads.json";             // cut: the tiles that the tasks of this tile read
 inline constexpr char kSumsFile[] = "sums.arrays";             // measure: sums of the data term over the core's faces
 inline constexpr char kStateFile[] = "state.arrays";           // solve, mend, refine: positions and labels of the core
+inline constexpr char kMovedFile[] = "moved.arrays";           // split: the surface after the coarse levels
 inline constexpr char kMeshFile[] = "mesh.ply";                // publish
 inline constexpr char kReportFile[] = "report.json";           // publish
 inline constexpr char kTileMeshFolder[] = "tiles";             // publish, with several tiles: one mesh per tile
@@ -76,6 +78,7 @@ struct IngestParameters {
   bool by_default_rule = false;            // with the default rule instead of kClassifierFile
   double skip_images = 0;                  // as in SceneLoadOptions
   bool anyway = false;
+  bool coarse_faces = false;  // split to the size of the coarse levels: kSplitKind splits again
   // Number of inspections of the scene's pixel files among the inputs: TileInputName(i, kInspectionFile) from i = 0.
   // 0: the task inspects the files itself.
   int inspections = 0;
@@ -128,6 +131,13 @@ struct BordersParameters {
 // Parameters of start, which writes the start state of a tile's core.
 struct StartParameters {
   TileParameters tile;
+  bool moved = false;  // kMovedFile is among the inputs: the state after the coarse levels
+};
+
+// Parameters of split, which splits the faces of the surface that the coarse levels moved. The states of the tiles with
+// ids below `tiles` are among the inputs.
+struct SplitParameters {
+  int tiles = 0;
 };
 
 // The tiles whose states and sums the tasks of a tile read: ascending ids, including its own. Cut computes them from
@@ -140,11 +150,12 @@ struct TileReads {
   friend bool operator==(const TileReads&, const TileReads&) = default;
 };
 
-// Parameters of refine, which runs all steps of a job with one tile.
+// Parameters of refine, which runs all steps of a job with one tile, or those of a part.
 struct RefineParameters {
   int rounds = 0;  // 0: the method's default
   std::string method;
   MethodSettings settings = {};
+  JobPart part = JobPart::kWhole;  // kFine: kStateFile, with which it starts, is among the inputs
 };
 
 // Parameters of measure, solve and repair.
@@ -202,6 +213,7 @@ std::string ToJson(const CutParameters& parameters);
 std::string ToJson(const ClassifyParameters& parameters);
 std::string ToJson(const BordersParameters& parameters);
 std::string ToJson(const StartParameters& parameters);
+std::string ToJson(const SplitParameters& parameters);
 std::string ToJson(const RefineParameters& parameters);
 std::string ToJson(const StepParameters& parameters);
 std::string ToJson(const CompareParameters& parameters);
@@ -217,6 +229,7 @@ StatusOr<CutParameters> ParseCutParameters(const std::string& json);
 StatusOr<ClassifyParameters> ParseClassifyParameters(const std::string& json);
 StatusOr<BordersParameters> ParseBordersParameters(const std::string& json);
 StatusOr<StartParameters> ParseStartParameters(const std::string& json);
+StatusOr<SplitParameters> ParseSplitParameters(const std::string& json);
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& json);
 StatusOr<StepParameters> ParseStepParameters(const std::string& json);
 StatusOr<CompareParameters> ParseCompareParameters(const std::string& json);

@@ -186,8 +186,8 @@ void AddUpdateOptions(CLI::App& command, const std::string& base_values, JobFlag
       ->group(group);
   command
       .add_flag("--from-scratch", update.from_scratch,
-                "Refine changed tiles from the start mesh, and every tile that depends on them; the result equals a "
-                "job on all images")
+                "Refine all tiles from the start mesh again, with the faces of the base job; the result does not "
+                "depend on earlier flights")
       ->group(group);
 }
 

@@ -19,7 +19,10 @@ Digest DigestFrom(const json& output) { return {output.at("sha256"), output.at("
 void AddTask(const json& task, LineageJob* job) {
   const std::string kind = task.at("kind");
   const json& outputs = task.at("outputs");
-  if (const auto survey = outputs.find(kSurveyFile); survey != outputs.end()) job->survey = DigestFrom(*survey);
+  // The first one: the second split changes no image.
+  if (const auto survey = outputs.find(kSurveyFile); survey != outputs.end() && job->survey.sha256.empty()) {
+    job->survey = DigestFrom(*survey);
+  }
   if (const auto state = outputs.find(kStateFile); state != outputs.end()) {
     job->made[task.at("tile").get<int>()] = DigestFrom(*state);  // tasks are in the plan's order: keep the last state
   }

@@ -46,7 +46,7 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
   double most = 0;
   for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.Total().core_seconds);
   const double mean = (quote.core_seconds - quote.ingest.core_seconds - quote.classify.core_seconds -
-                       quote.publish.core_seconds - quote.exports.core_seconds) /
+                       quote.split.core_seconds - quote.publish.core_seconds - quote.exports.core_seconds) /
                       static_cast<double>(std::max<size_t>(1, quote.tiles.size()));
   const double km2 = quote.area_m2 / kSquareKilometre,
                wall_s = WallSeconds(quote, terms.workers, terms.threads_per_worker);
@@ -62,6 +62,10 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
   absl::StrAppendFormat(&out, "ingest: %.0f core-s, %.0f MiB; publish: %.0f core-s, %.0f MiB\n",
                         quote.ingest.core_seconds, static_cast<double>(quote.ingest.peak_bytes) / kMiB,
                         quote.publish.core_seconds, static_cast<double>(quote.publish.peak_bytes) / kMiB);
+  if (quote.split.core_seconds > 0) {
+    absl::StrAppendFormat(&out, "second split of faces: %.0f core-s, %.0f MiB\n", quote.split.core_seconds,
+                          static_cast<double>(quote.split.peak_bytes) / kMiB);
+  }
   if (quote.classify.core_seconds > 0) {
     absl::StrAppendFormat(&out, "classify: %.0f core-s, %.0f MiB\n", quote.classify.core_seconds,
                           static_cast<double>(quote.classify.peak_bytes) / kMiB);
@@ -130,6 +134,7 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
   if (terms.price_per_core_hour) json["price"] = range(*terms.price_per_core_hour * quote.core_seconds / kHour);
   json["ingest"] = cost(quote.ingest);
   if (quote.classify.core_seconds > 0) json["classify"] = cost(quote.classify);
+  if (quote.split.core_seconds > 0) json["split"] = cost(quote.split);
   json["publish"] = cost(quote.publish);
   if (quote.exports.core_seconds > 0) json["exports"] = cost(quote.exports);
   json["tiles"] = std::move(tiles);

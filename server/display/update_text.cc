@@ -27,7 +27,7 @@ StatusOr<std::string> FromJson(const std::string& text, const Make& make) {
   }
 }
 
-// Whether the tile itself changed. From scratch, tiles that depend on it are refined too.
+// Whether the tile itself changed. From scratch, all are refined.
 bool IsRedone(const json& tile) { return tile.at("redone") == true; }
 
 // "update of jobs/1: ..."
@@ -38,7 +38,7 @@ std::string SummaryLine(const json& plan) {
   const std::string without = gone > 0 ? absl::StrCat(", ", gone, " removed: the mesh has no face in them") : "";
   if (plan.at("from_scratch").get<bool>()) {
     return absl::StrFormat(
-        "update of %s from scratch: %d of %d tiles changed, tiles that depend on them are refined too%s", base, redone,
+        "update of %s from scratch: %d of %d tiles changed, all are refined from the start mesh again%s", base, redone,
         tiles, without);
   }
   return absl::StrFormat("update of %s: %d of %d tiles refined, %d kept byte for byte%s", base, redone, tiles,

@@ -21,11 +21,11 @@ void PlanningLoop::AdmitHeld() {
   const std::vector<int> held = ledger_.ready().held();
   Room room = {environment_.blobs->Location(), free_bytes.value_or(std::numeric_limits<int64_t>::max()), 0};
   for (const int job : ledger_.active_jobs()) {
-    if (!ledger_.ready().IsHeld(job)) room.promised_bytes += ledger_.jobs()[job].totals.sums().bytes_to_store;
+    if (!ledger_.ready().IsHeld(job)) room.promised_bytes += BytesToStore(ledger_.jobs()[job]);
   }
   const int ready_before = ledger_.ready().count();
   for (const int job : held) {
-    const int64_t needed_bytes = ledger_.jobs()[job].totals.sums().bytes_to_store;
+    const int64_t needed_bytes = BytesToStore(ledger_.jobs()[job]);
     if (ledger_.jobs()[job].open_plan >= 0) continue;  // the plan is not complete
     if (needed_bytes > room.free_bytes - room.promised_bytes) continue;
     ledger_.ready().Admit(job);

@@ -85,6 +85,7 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   status.tiles_total = sums.tiles;
   status.tiles_done = job.planned_to_end ? sums.tiles - sums.unfinished_tiles : 0;
   status.core_seconds = sums.core_seconds;
+  if (!job.planned_to_end) sums.rest.total += sums.later;
   status.predicted_core_seconds = sums.ingest.total + sums.cut.total + sums.rest.total;
   const auto& [ingest, cut, rest] = std::tie(sums.ingest, sums.cut, sums.rest);
   const double cut_share = cut.total > 0 ? kCutShare : 0;

@@ -47,17 +47,23 @@ std::optional<PendingStep> NextStep(const Ledger& ledger) {
     }
   } else if (!job.lost_error.empty()) {
     step.error = job.lost_error;
-  } else if (job.open_plan >= 0 || !job.planned_to_end || (job.needs_replan && CutsAreDone(job))) {
+  } else if (job.open_plan >= 0 || !job.planned_to_end || (job.replan_from >= 0 && CutsAreDone(job))) {
     step.quarantined = QuarantinedTiles(job);
-    if (job.needs_replan) step.replaces_from = FirstBehindCuts(job);
+    step.replaces_from = job.replan_from;
     step.settings = job.header.settings;
     step.scene_files = job.scene_files;
     step.tasks = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
     const std::string& base = step.settings.update.base;
     if (!base.empty()) step.base = BaseOf(ledger, step.settings.update);
-    for (int task = 0; task < step.tasks; ++task) {
+    for (int task = 0; task < (job.replan_from >= 0 ? job.replan_from : step.tasks); ++task) {
       const TaskPhase phase = KindOf(job.tasks[task].plan.kind.str()).phase;
-      if (job.tasks[task].plan.kind == kInspectKind) {
+      if (job.tasks[task].plan.kind == kSplitKind && !job.tasks[task].superseded) {
+        step.split = task;
+        step.first_fine_cut = -1;
+        step.fine_survey = InputDigest(job, {TaskId(task), kSurveyFile});
+        step.reads.clear();
+        step.kind = PendingStep::Kind::kPlanTiles;
+      } else if (job.tasks[task].plan.kind == kInspectKind) {
         ++step.inspections;
       } else if (phase == TaskPhase::kSurvey) {
         step.survey = InputDigest(job, {TaskId(task), kSurveyFile});
@@ -65,6 +71,7 @@ std::optional<PendingStep> NextStep(const Ledger& ledger) {
       } else if (phase == TaskPhase::kCut) {
         step.tiles = std::max(step.tiles, job.tasks[task].plan.tile + 1);
         step.kind = PendingStep::Kind::kPlanSteps;
+        if (step.split >= 0 && step.first_fine_cut < 0) step.first_fine_cut = task;
         if (job.tasks[task].superseded) continue;
         step.reads.emplace_back(job.tasks[task].plan.tile, InputDigest(job, {TaskId(task), kReadsFile}));
       }
@@ -109,7 +116,20 @@ StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environm
   TESSERA_RETURN_IF_ERROR(step.survey.status());
   TESSERA_ASSIGN_OR_RETURN(const std::string survey, environment.blobs->Read(*step.survey));
   const UpdateBase* const goes_on_from = base ? &*base : nullptr;
-  if (step.kind == PendingStep::Kind::kPlanTiles) return planner.Tiles(step.settings, survey, names, goes_on_from);
+  std::optional<FinePart> fine;
+  if (step.split >= 0) {
+    TESSERA_RETURN_IF_ERROR(step.fine_survey.status());
+    const bool cuts_again = step.kind == PendingStep::Kind::kPlanTiles;
+    fine = FinePart{"", TaskId(step.split), cuts_again ? step.tasks : step.first_fine_cut, {}};
+    TESSERA_ASSIGN_OR_RETURN(fine->survey, environment.blobs->Read(*step.fine_survey));
+    for (const FailedTile& tile : step.quarantined) {
+      if (!tile.fine) fine->left_out.push_back(tile.tile);
+    }
+  }
+  const FinePart* const fine_part = fine ? &*fine : nullptr;
+  if (step.kind == PendingStep::Kind::kPlanTiles) {
+    return planner.Tiles(step.settings, survey, names, goes_on_from, fine_part);
+  }
   std::vector<TileReads> reads;
   // An update has its base's tiles and may cut new ones after them.
   const int tiles = std::max(step.tiles, static_cast<int>(base ? base->tiles.size() : 0));
@@ -128,7 +148,7 @@ StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environm
     }
     reads.push_back(*std::move(of_tiles[i]));
   }
-  return planner.Steps(step.settings, survey, names, reads, goes_on_from, step.quarantined);
+  return planner.Steps(step.settings, survey, names, reads, goes_on_from, step.quarantined, fine_part);
 }
 
 // Copies a few tasks per hold of the mutex.

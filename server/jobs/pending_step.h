@@ -24,6 +24,9 @@ struct PendingStep {
   std::optional<StatusOr<UpdateBase>> base;  // of an update
   int inspections = 0;                       // inspect tasks
   StatusOr<Digest> survey = absl::UnknownError("not read");
+  // Of a job that splits faces twice, once they are: the task, its survey and its first cut (-1: none yet).
+  int split = -1, first_fine_cut = -1;
+  StatusOr<Digest> fine_survey = absl::UnknownError("not read");
   std::vector<std::pair<int, StatusOr<Digest>>> reads;  // kReadsFile of each cut tile
   int tiles = 0;                                        // highest tile with a planned cut, plus 1
   std::vector<FailedTile> quarantined;

@@ -23,17 +23,18 @@ class Planner {
                                                     const UpdateBase& base) {
     return PlanUpdate(settings, scene_files, base);
   }
-  // `base`: null if the job is no update.
+  // `base`: null if the job is no update. `fine`: null unless the job has split faces twice.
   virtual StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
                                                    const std::vector<std::string>& scene_files,
-                                                   const UpdateBase* base) {
-    return PlanTiles(settings, survey, scene_files, base);
+                                                   const UpdateBase* base, const FinePart* fine) {
+    return PlanTiles(settings, survey, scene_files, base, fine);
   }
   virtual StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                                    const std::vector<std::string>& scene_files,
                                                    const std::vector<TileReads>& reads, const UpdateBase* base,
-                                                   const std::vector<FailedTile>& quarantined) {
-    return PlanSteps(settings, survey, scene_files, reads, base, quarantined);
+                                                   const std::vector<FailedTile>& quarantined,
+                                                   const FinePart* fine) {
+    return PlanSteps(settings, survey, scene_files, reads, base, quarantined, fine);
   }
 };
 

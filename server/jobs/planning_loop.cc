@@ -27,6 +27,8 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_parameters_json(task.parameters);
   record->set_cost(task.cost);
   record->set_scale(task.scale);
+  record->set_later_cost(task.later_cost);
+  record->set_later_bytes(task.later_bytes);
   record->set_peak_bytes(task.peak_bytes);
   record->set_stored_bytes(task.stored_bytes);
   record->mutable_scene_files()->Add(task.scene_files->begin(), task.scene_files->end());
@@ -125,7 +127,8 @@ Status PlanningLoop::PlanJob(const PendingStep& step) {
     superseded = std::move(change.superseded);
   }
   int first_task = step.tasks;
-  for (size_t next = 0; fault.ok() && next < tasks->size();) {
+  // At least one record, also if a plan equals the one that it replaces.
+  for (size_t next = 0; fault.ok() && (next == 0 || next < tasks->size());) {
     v1::Record record;
     v1::TasksPlanned& planned = *record.mutable_tasks_planned();
     planned.set_job(JobName(step.job));
@@ -147,6 +150,7 @@ Status PlanningLoop::PlanJob(const PendingStep& step) {
     first_task += planned.tasks_size();
     fault = core_.Commit(record);
     if (!fault.ok() || planned.more()) continue;
+    next = tasks->size() + 1;  // ends the loop, if the plan was empty too
     for (const int task : superseded) leases_.Release({step.job, task});  // workers stop at their next heartbeat
   }
   if (fault.ok()) return absl::OkStatus();
@@ -155,8 +159,9 @@ Status PlanningLoop::PlanJob(const PendingStep& step) {
   if (HasEnded(job.header.state)) return absl::OkStatus();
   std::string error = "cannot plan the job: " + std::string(fault.message());
   for (const QuarantinedTile& tile : job.quarantined) error += "\n" + QuarantineText(job, tile);
-  // The survey's plan depends on the scene and the settings; the one of the steps on results of workers.
-  const bool bad_input = absl::IsInvalidArgument(fault) && step.kind != PendingStep::Kind::kPlanSteps;
+  // The survey's plan depends on the scene and the settings; that of steps and of a fine part on results of workers.
+  const bool of_workers = step.kind == PendingStep::Kind::kPlanSteps || step.split >= 0;
+  const bool bad_input = absl::IsInvalidArgument(fault) && !of_workers;
   return CommitEnd(core_, step.job, JobState::kFailed, error, {}, 0, bad_input);
 }
 

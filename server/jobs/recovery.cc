@@ -155,7 +155,9 @@ Status Recovery::RemakeLocked(TaskRef maker, const std::string& reason, TaskRef 
 
 StatusOr<bool> Recovery::RemakeForPlan(const PendingStep& step) {
   std::vector<std::pair<Digest, bool>> reads;  // second: made by a task of this job
-  if (step.survey.ok()) reads.emplace_back(*step.survey, true);
+  for (const auto* survey : {&step.survey, &step.fine_survey}) {
+    if (survey->ok()) reads.emplace_back(**survey, true);
+  }
   for (const auto& [tile, digest] : step.reads) {
     if (digest.ok()) reads.emplace_back(*digest, true);
   }

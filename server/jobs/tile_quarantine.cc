@@ -46,6 +46,7 @@ std::vector<FailedTile> QuarantinedTiles(const Job& job) {
       tile.step = parameters->step;
       tile.before = parameters->before;
     }
+    tile.fine = IsOfFinePart(job, failed);
     tiles.push_back(std::move(tile));
   }
   return tiles;
@@ -85,14 +86,6 @@ PlanChange ChangePlan(int first, const std::vector<KnownTask>& known, std::vecto
     if (!stays[i - first] && !known[i - first].superseded) change.superseded.push_back(i);
   }
   return change;
-}
-
-int FirstBehindCuts(const Job& job) {
-  int first = 0;
-  for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {
-    if (job.tasks[i].plan.kind == kCutKind) first = i + 1;
-  }
-  return first;
 }
 
 }  // namespace tessera

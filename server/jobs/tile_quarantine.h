@@ -32,7 +32,4 @@ struct KnownTask {
 // `known`: the job's tasks from index `first`; `tasks`: their replacement, with inputs numbered from `first`.
 PlanChange ChangePlan(int first, const std::vector<KnownTask>& known, std::vector<PlannedTask> tasks);
 
-// Index of the first task after the job's cuts.
-int FirstBehindCuts(const Job& job);
-
 }  // namespace tessera

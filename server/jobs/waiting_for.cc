@@ -102,7 +102,7 @@ std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, 
     return running.empty() ? "paused" : "paused; " + std::to_string(running.size()) + " tasks are still running";
   }
   if (running.empty() && ledger.ready().IsHeld(job) && !room.folder.empty()) {
-    return "not enough disk space for the " + Gib(ledger.jobs()[job].totals.sums().bytes_to_store) +
+    return "not enough disk space for the " + Gib(BytesToStore(ledger.jobs()[job])) +
            " of its results: " + Gib(room.free_bytes) + " are free in " + room.folder +
            (room.promised_bytes > 0 ? ", of which running jobs need " + Gib(room.promised_bytes) : "") +
            "; it starts when there is enough";

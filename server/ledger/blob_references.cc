@@ -28,7 +28,7 @@ void BlobReferences::AddOutputs(const JobHeader& job, bool runs, absl::Span<cons
   for (const StoredFile& output : outputs) {
     const uint64_t id = IdOf(output.sha256.Hex());
     const bool handed_on = output.name == kTileFile || output.name == kViewsFile || output.name == kSumsFile ||
-                           output.name.str().ends_with(kLikelihoodsEnding) || IsPassedOn(output.name.str());
+                           output.name == kMovedFile || output.name.str().ends_with(kLikelihoodsEnding) || IsPassedOn(output.name.str());
     if (runs || !handed_on) {
       needed_.insert(id);
     } else {

@@ -67,7 +67,7 @@ Status CheckPlanned(const Ledger& ledger, const v1::TasksPlanned& change) {
   TESSERA_ASSIGN_OR_RETURN(const int index, ledger.FindJob(change.job()));
   const Job& job = ledger.jobs()[index];
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
-  if (change.tasks().empty()) return absl::InvalidArgumentError("the plan has no tasks");
+  if (change.tasks().empty() && job.replan_from < 0) return absl::InvalidArgumentError("the plan has no tasks");
   int count = static_cast<int>(job.tasks.size());
   if (change.first_task() != count && (job.open_plan < 0 || change.first_task() != job.open_plan)) {
     return absl::FailedPreconditionError(

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/job/task_parameters.h"
+
 namespace tessera {
 namespace {
 
@@ -72,6 +74,8 @@ void JobTotals::AddPlanned(int index, const JobTask& task) {
   ++sums_.tasks;
   sums_.bytes_to_store += task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).total += task.plan.cost;
+  sums_.later += task.plan.later_cost;
+  sums_.later_bytes += task.plan.later_bytes;
   ++stages_[StageKey(task)].planned;
   if (task.plan.tile < 0) return;
   const auto [of_tile, is_new] = tiles_.try_emplace(task.plan.tile);
@@ -170,10 +174,36 @@ JobTask WithCountedAttempts(JobTask task) {
   return task;
 }
 
+int64_t BytesToStore(const Job& job) {
+  const JobSums& sums = job.totals.sums();
+  return sums.bytes_to_store + (job.planned_to_end ? 0 : sums.later_bytes);
+}
+
 bool CutsAreDone(const Job& job) {
-  return std::all_of(job.tasks.begin(), job.tasks.end(), [](const JobTask& task) {
+  const auto end = job.replan_from < 0 ? job.tasks.end() : job.tasks.begin() + job.replan_from;
+  return std::all_of(job.tasks.begin(), end, [](const JobTask& task) {
     return task.plan.kind != kCutKind || task.superseded || task.state == TaskState::kSucceeded;
   });
+}
+
+const JobTask* SplitBefore(const Job& job, const PlannedTask& task) {
+  for (const PlannedInput& input : task.inputs) {
+    const JobTask& producer = job.tasks[input.task.value()];
+    if (input.output == kTileFile) return SplitBefore(job, producer.plan);
+    if (input.output == kCityFile) return producer.plan.kind == kSplitKind ? &producer : nullptr;
+  }
+  return nullptr;
+}
+
+int FirstBehindCuts(const Job& job, bool fine) {
+  int first = 0;
+  for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {
+    const PlannedTask& task = job.tasks[i].plan;
+    if (task.kind != kCutKind) continue;
+    const JobTask* const split = SplitBefore(job, task);
+    if (fine ? split != nullptr && !split->superseded : split == nullptr) first = i + 1;
+  }
+  return first;
 }
 
 Status CheckPriority(int priority) {

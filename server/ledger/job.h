@@ -170,6 +170,8 @@ struct JobSums {
   int tiles = 0, unfinished_tiles = 0;
   int64_t bytes_to_store = 0;  // predicted, of tasks not yet done
   Part ingest, cut, rest;
+  double later = 0;  // predicted cost of tasks that are planned later, until the job is planned to the end
+  int64_t later_bytes = 0;
   double timed_cost = 0, timed_s = 0;
   double core_seconds = 0;  // used by tasks that succeeded, also if their results were lost later
 };
@@ -250,7 +252,8 @@ struct Job {
   int failed = -1;                           // first task that failed permanently; -1: none
   bool planned_to_end = false;               // has a publish or export task, or only a plan was requested
   std::vector<QuarantinedTile> quarantined;  // sorted by tile
-  bool needs_replan = false;                 // the phase after the cuts, since a tile was quarantined or retried
+  // First task to plan again, since a tile was quarantined or retried: the first behind the cuts of a part. -1: none.
+  int replan_from = -1;
   int open_plan = -1;                        // first task of a plan whose last record is missing; -1: none
   JobTotals totals;
   int lost = 0;                 // lost results that it waits for, its own and of other jobs
@@ -261,8 +264,17 @@ struct Job {
 // The task without the attempts before the last retry of its job.
 JobTask WithCountedAttempts(JobTask task);
 
-// Whether all tiles but the quarantined ones are cut.
+// Predicted bytes that its tasks will store, also those that are not planned yet.
+int64_t BytesToStore(const Job& job);
+
+// Whether all tiles but the quarantined ones are cut; if a part is to be planned again, in the tasks before it.
 bool CutsAreDone(const Job& job);
+// The task that split the faces that a task of a tile reads, if it belongs to the fine part of a job that splits faces
+// twice (JobPart); else null.
+const JobTask* SplitBefore(const Job& job, const PlannedTask& task);
+inline bool IsOfFinePart(const Job& job, const PlannedTask& task) { return SplitBefore(job, task) != nullptr; }
+// Index of the first task behind the cuts of the present fine part, or of the first or only part.
+int FirstBehindCuts(const Job& job, bool fine);
 
 std::string JobName(int job);
 std::string TaskName(TaskRef ref);

@@ -25,6 +25,8 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.parameters = record.parameters_json();
   task.cost = std::min(record.cost(), kMaxCost);
   task.scale = record.scale();
+  task.later_cost = record.later_cost() > 0 ? std::min(record.later_cost(), kMaxCost) : 0;
+  task.later_bytes = std::clamp(record.later_bytes(), int64_t{0}, kMaxStoredBytes);
   task.peak_bytes = std::clamp(record.peak_bytes(), int64_t{0}, kMaxPeakBytes);
   task.stored_bytes = std::clamp(record.stored_bytes(), int64_t{0}, kMaxStoredBytes);
   task.scene_files = std::vector<int>(record.scene_files().begin(), record.scene_files().end());
@@ -36,6 +38,17 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   }
   task.given = NamedDigests(record.given());
   return task;
+}
+
+// Whether no phase follows the one with this task.
+bool EndsPlan(const Job& job, const JobTask& task) {
+  return task.plan.kind == kPublishKind || task.plan.kind == kExportKind ||
+         (task.plan.kind == kPlanKind && job.header.settings.update.plan_only);
+}
+
+bool IsPlannedToEnd(const Job& job) {
+  return std::any_of(job.tasks.begin(), job.tasks.end(),
+                     [&](const JobTask& task) { return !task.superseded && EndsPlan(job, task); });
 }
 
 }  // namespace
@@ -137,8 +150,7 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
       added.missing += producer.state != TaskState::kSucceeded;
       added.depth = std::max(added.depth, producer.depth + 1);
     }
-    job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind || added.plan.kind == kExportKind ||
-                         (added.plan.kind == kPlanKind && job.header.settings.update.plan_only);
+    job.planned_to_end = job.planned_to_end || EndsPlan(job, added);
     if (!added.plan.given->empty()) {
       added.state = TaskState::kSucceeded;
       added.reused = true;
@@ -152,8 +164,11 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
   }
   if (!change.more()) {
     for (const int task : change.superseded()) Supersede({index, task});
-    if (!change.superseded().empty()) Recount(job);
-    job.needs_replan = false;
+    if (!change.superseded().empty()) {
+      Recount(job);
+      job.planned_to_end = IsPlannedToEnd(job);
+    }
+    job.replan_from = -1;
     const int first = std::exchange(job.open_plan, -1);
     for (int task = first; task < static_cast<int>(job.tasks.size()); ++task) ReadyTask({index, task});
   }
@@ -171,7 +186,7 @@ void Ledger::DropOpenPlan(Job& job) {
   for (size_t task = first; task < job.tasks.size(); ++task) job.unfinished -= job.tasks[task].plan.given->empty();
   job.tasks.resize(first);
   Recount(job);
-  job.planned_to_end = job.needs_replan;
+  job.planned_to_end = IsPlannedToEnd(job);
   job.open_plan = -1;
 }
 
@@ -286,7 +301,7 @@ void Ledger::UpdateDue(int index) {
   const Job& job = jobs_[index];
   // open_plan: the coordinator stopped between the records of a plan.
   const bool asks =
-      job.tasks.empty() || job.unfinished == 0 || job.open_plan >= 0 || (job.needs_replan && CutsAreDone(job));
+      job.tasks.empty() || job.unfinished == 0 || job.open_plan >= 0 || (job.replan_from >= 0 && CutsAreDone(job));
   const bool due = (asks && job.lost == 0) || job.failed >= 0 || !job.lost_error.empty();
   if (due && !HasEnded(job.header.state)) {
     due_jobs_.insert(index);

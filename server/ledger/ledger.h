@@ -111,6 +111,8 @@ class Ledger {
   static void Recount(Job& job);
   // The first task of the job that failed permanently; -1: none.
   static int FirstFailed(const Job& job);
+  // After a task of a tile failed or is retried: everything behind the cuts of its part is planned again.
+  static void PlanAgainBehindCuts(Job& job, int failed);
 
   const std::string algorithm_version_;
   std::vector<Job> jobs_;

@@ -50,17 +50,28 @@ void Ledger::Recount(Job& job) {
   }
 }
 
+void Ledger::PlanAgainBehindCuts(Job& job, int failed) {
+  const bool fine = IsOfFinePart(job, job.tasks[failed].plan);
+  const int first = FirstBehindCuts(job, fine);
+  if (first == static_cast<int>(job.tasks.size())) return;  // not planned yet
+  job.replan_from = job.replan_from < 0 ? first : std::min(job.replan_from, first);
+  if (fine) return;
+  // The fine part follows anew, with all tiles that the coarse part has.
+  std::erase_if(job.quarantined,
+                [&](const QuarantinedTile& each) { return IsOfFinePart(job, job.tasks[each.task].plan); });
+}
+
 void Ledger::ApplyQuarantined(const v1::TileQuarantined& change) {
   const int index = *FindJob(change.job());
   Job& job = jobs_[index];
   Supersede({index, change.task()});
+  PlanAgainBehindCuts(job, change.task());
   // The tile may be quarantined already: until the job is planned without it, another task of it can fail.
   const auto place = std::lower_bound(job.quarantined.begin(), job.quarantined.end(), change.tile(),
                                       [](const QuarantinedTile& each, int tile) { return each.tile < tile; });
   if (place == job.quarantined.end() || place->tile != change.tile()) {
     job.quarantined.insert(place, {change.tile(), change.task()});
   }
-  job.needs_replan = job.planned_to_end;
   job.failed = FirstFailed(job);
   Recount(job);
   if (job.failed < 0) {  // else the job fails because of another task
@@ -84,14 +95,20 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
   header.end_us = 0;
   active_jobs_.insert(std::lower_bound(active_jobs_.begin(), active_jobs_.end(), index), index);
   ready_.SetJob(index, header.priority, header.paused);
-  for (const QuarantinedTile& each : std::exchange(job.quarantined, {})) {
-    if (change.has_tile() && each.tile != change.tile()) {
-      job.quarantined.push_back(each);
-      continue;
-    }
-    job.needs_replan = job.planned_to_end;
+  const std::vector<QuarantinedTile> before = job.quarantined;
+  if (change.has_tile()) {
+    std::erase_if(job.quarantined, [&](const QuarantinedTile& each) { return each.tile == change.tile(); });
+  } else {
+    job.quarantined.clear();
+  }
+  for (const QuarantinedTile& each : before) {
+    if (!change.has_tile() || each.tile == change.tile()) PlanAgainBehindCuts(job, each.task);
+  }
+  for (const QuarantinedTile& each : before) {
+    if (change.has_tile() && each.tile != change.tile()) continue;
     JobTask& failed = job.tasks[each.task];
-    if (failed.plan.kind != kCutKind) continue;  // the new plan has a new task for it
+    // The new plan has a new task for others, also for cuts behind a coarse part that is planned again.
+    if (failed.plan.kind != kCutKind || (job.replan_from >= 0 && each.task >= job.replan_from)) continue;
     failed.superseded = false;
     ++job.unfinished;
   }

@@ -1,7 +1,6 @@
 #include "server/plan/graph.h"
 
 #include <algorithm>
-#include <iterator>
 #include <limits>
 #include <optional>
 #include <set>
@@ -14,6 +13,7 @@
 #include "server/plan/classify_tasks.h"
 #include "server/plan/export_tasks.h"
 #include "server/plan/graph_tile.h"
+#include "server/plan/publish_task.h"
 #include "server/plan/stages.h"
 #include "server/plan/update_plan.h"
 #include "server/settings/export_settings.h"
@@ -29,11 +29,13 @@ namespace {
 class Graph {
  public:
   static StatusOr<Graph> Create(const JobSettings& settings, const std::string& survey_json,
-                                const std::vector<std::string>& scene_files, const UpdateBase* base) {
+                                const std::vector<std::string>& scene_files, const UpdateBase* base,
+                                const FinePart* fine) {
     Graph graph(settings);
     if (base == nullptr) {
       TESSERA_ASSIGN_OR_RETURN(std::vector<PlannedTask> survey, PlanIngest(settings, scene_files));
       for (PlannedTask& task : survey) graph.city_from_ = graph.survey_from_ = graph.Add(std::move(task));
+      if (FirstFineStepOf(settings) > 0) graph.part_ = JobPart::kCoarse;
     } else {
       // The tasks of PlanUpdate.
       graph.base_from_ = graph.city_from_ = graph.Add(PlannedTask());
@@ -51,15 +53,31 @@ class Graph {
       return graph;
     }
     const TilingOptions options = TilingOptionsOf(settings, graph.survey_);
-    graph.effort_ = options.effort;
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(cells, options));
+    const Survey last = AfterSecondSplit(graph.survey_, options.effort);
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(CellIndex(last), options));
     for (const CellRect& core : cores) {
       GraphTile tile;
       tile.parameters = {static_cast<int>(graph.tiles_.size()), core};
       tile.work = MeasureTile(cells, core);
       graph.tiles_.push_back(std::move(tile));
     }
+    if (fine != nullptr) {
+      TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
+      TESSERA_RETURN_IF_ERROR(graph.BeginFinePart(*fine));
+    }
     return graph;
+  }
+
+  // Replaces the tasks of the coarse part by none. AddClassifiers must come first.
+  Status BeginFinePart(const FinePart& fine) {
+    part_ = JobPart::kFine;
+    TESSERA_ASSIGN_OR_RETURN(survey_, SurveyOf(fine, survey_));
+    tiles_ = TilesOf(fine, tiles_, survey_);
+    city_from_ = survey_from_ = fine.split;
+    tasks_.clear();
+    first_ = static_cast<size_t>(fine.first_task);
+    last_states_ = StageOf(kMendKind, FirstFineStepOf(settings_) - 1);
+    return absl::OkStatus();
   }
 
   size_t tiles() const { return tiles_.size(); }
@@ -78,9 +96,10 @@ class Graph {
     std::erase_if(ids, [&](int id) { return tiles_[id].frozen_from == kNoCut; });
     return ids;
   }
-  size_t size() const { return tasks_.size(); }
+  // Index of the next task.
+  size_t size() const { return first_ + tasks_.size(); }
   std::vector<PlannedTask> TakeFrom(size_t first) && {
-    tasks_.erase(tasks_.begin(), tasks_.begin() + static_cast<std::ptrdiff_t>(first));
+    tasks_.erase(tasks_.begin(), tasks_.begin() + static_cast<std::ptrdiff_t>(first - first_));
     return std::move(tasks_);
   }
 
@@ -108,10 +127,10 @@ class Graph {
     for (const GraphTile& tile : tiles_) cores.push_back(tile.parameters.core);
     const MethodSettings& method = settings_.method_settings;
     const std::vector<int>& levels = method.levels.empty() ? ListSettings()[0].standard : method.levels;
-    const int coarsest = *std::max_element(levels.begin(), levels.end());
+    const int coarsest = part_ == JobPart::kFine ? levels.back() : *std::max_element(levels.begin(), levels.end());
     for (GraphTile& tile : tiles_) {
-      if (!tile.redone) continue;
-      PlannedTask task = TaskOf(tile, kCutKind, PredictCut(survey_, tile.work));
+      if (!tile.redone || tile.left_out) continue;
+      PlannedTask task = OnceAPart(TaskOf(tile, kCutKind, PredictCut(survey_, tile.work)));
       CutParameters parameters;
       parameters.tile = tile.parameters;
       parameters.cores = cores;
@@ -126,26 +145,26 @@ class Graph {
   }
 
   // FAILED_PRECONDITION if a tile has no state to keep.
-  Status Quarantine(const std::vector<FailedTile>& tiles) {
-    const std::vector<int> good = StagesWithGoodStates(settings_, survey_, continues_base_);
-    for (const FailedTile& each : tiles) {
-      if (each.tile < 0 || each.tile >= static_cast<int>(tiles_.size()) || !tiles_[each.tile].redone) {
-        return absl::FailedPreconditionError(
-            absl::StrCat("cannot quarantine tile ", each.tile, ": the job does not refine it"));
-      }
-      GraphTile& tile = tiles_[each.tile];
-      tile.frozen_from = FrozenFrom(each, good);
-      if (!tile.never_started() || !continues_base_ || !survey_.revision) continue;
-      return absl::FailedPreconditionError(
-          absl::StrCat("tile ", each.tile, " cannot keep the base job's state: the mesh has changed"));
+  Status Quarantine(const std::vector<FailedTile>& failed) {
+    return FreezeTiles(failed, StagesWithGoodStates(settings_, survey_, continues_base_), part_ == JobPart::kFine,
+                       continues_base_ && survey_.revision.has_value(), &tiles_);
+  }
+
+  // The states with which the fine part begins.
+  void AddFineStarts() {
+    for (GraphTile& tile : tiles_) {
+      if (tile.gone()) continue;
+      PlannedTask task = OnceAPart(TaskOf(tile, kStartKind, PredictStart(survey_, tile.work)));
+      task.parameters = ToJson(StartParameters{tile.parameters, /*moved=*/true});
+      task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}, {city_from_, kMovedFile}};
+      tile.state = PlannedInput{Add(std::move(task)), kStateFile, tile.parameters.tile};
     }
-    return absl::OkStatus();
   }
 
   void AddCrops() {
     for (GraphTile& tile : tiles_) {
       if (!tile.redone || tile.never_started()) continue;
-      PlannedTask task = TaskOf(tile, kCropKind, PredictCrop(tile.work));
+      PlannedTask task = OnceAPart(TaskOf(tile, kCropKind, PredictCrop(tile.work)));
       task.parameters = "{}";
       task.inputs = {{tile.cut, kTileFile}};
       for (const int32_t view : tile.work.views) {
@@ -159,9 +178,12 @@ class Graph {
 
   void AddRefine() {
     GraphTile& tile = tiles_.front();
-    PlannedTask task = TaskOf(tile, kRefineKind, PredictRefine(tile.work, effort_));
-    task.parameters = ToJson(RefineParameters{settings_.rounds, MethodName(), settings_.method_settings});
+    RefineEffort effort = EffortOf(StepsOf(settings_), StepsTaken(settings_, survey_, continues_base_, part_));
+    if (part_ != JobPart::kFine) effort.mends += 1;  // repair of the start
+    PlannedTask task = OnceAPart(TaskOf(tile, kRefineKind, PredictRefine(tile.work, effort)));
+    task.parameters = ToJson(RefineParameters{settings_.rounds, MethodName(), settings_.method_settings, part_});
     task.inputs = {{tile.cut, kTileFile}, {tile.crop, kViewsFile}};
+    if (tile.state) task.inputs.push_back(*tile.state);
     tile.state = PlannedInput{Add(std::move(task)), kStateFile, 0};
   }
 
@@ -172,8 +194,8 @@ class Graph {
     const std::vector<int> ids = cut();
     for (size_t i = 0; i < ids.size(); ++i) reads[ids[i]] = std::move(of_redone[i]);
     const std::vector<RefineStep> steps = StepsOf(settings_);
-    const std::vector<int> taken = StepsTaken(settings_, survey_, continues_base_);
-    bool mended = continues_base_;  // the base's states are repaired
+    const std::vector<int> taken = StepsTaken(settings_, survey_, continues_base_, part_);
+    bool mended = continues_base_ || part_ == JobPart::kFine;  // these states are repaired
     if (continues_base_ && survey_.revision) AddMends(taken.empty() ? 0 : taken.front(), /*before=*/true, reads);
     for (const int s : taken) {
       const RefineStep& step = steps[s];
@@ -232,26 +254,18 @@ class Graph {
     if (changes_from_) outdated_ = PlannedInput{*changes_from_, kOutdatedFile};
   }
 
+  // The end of a job or of its coarse part.
+  Status AddEnd() {
+    if (part_ != JobPart::kCoarse) return AddPublish();
+    TESSERA_ASSIGN_OR_RETURN(PlannedTask split, PlanSplit(settings_, survey_, tiles_, tasks_, city_from_));
+    Add(std::move(split));
+    return absl::OkStatus();
+  }
+
   // Publish, and the exports of its result.
   Status AddPublish() {
-    PublishParameters parameters;
-    SetReported(survey_, &parameters);
-    PlannedTask task;
-    task.kind = task.name = kPublishKind;
-    SetCost(PredictPublish(survey_), &task);
-    task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
-    for (const GraphTile& tile : tiles_) {
-      parameters.tiles.push_back(tile.parameters);
-      if (tile.gone()) continue;
-      if (!tile.redone) parameters.kept.push_back(tile.parameters.tile);
-      if (tile.quarantined()) parameters.quarantined.push_back(tile.parameters.tile);
-      task.inputs.push_back(*tile.state);
-    }
-    if (redone().empty()) parameters.kept.clear();  // then the result, and so the key, is that of the base
-    if (outdated_) task.inputs.push_back(*outdated_);
-    parameters.outdated = outdated_.has_value();
-    parameters.flip_edges = MethodRulesOf(MethodName(), settings_.rounds, settings_.method_settings).flips_edges;
-    task.parameters = ToJson(parameters);
+    const bool flips = MethodRulesOf(MethodName(), settings_.rounds, settings_.method_settings).flips_edges;
+    PlannedTask task = PlanPublish({survey_, tiles_, city_from_, survey_from_, outdated_, flips});
     const TaskId mesh_from = Add(std::move(task));
     if (settings_.exports.formats.empty()) return absl::OkStatus();
     TESSERA_ASSIGN_OR_RETURN(const ExportOptions options, ExportOptionsOf(settings_.exports));
@@ -269,11 +283,17 @@ class Graph {
  private:
   explicit Graph(const JobSettings& settings) : settings_(settings) {}
 
+  // Names a task that both parts have.
+  PlannedTask OnceAPart(PlannedTask task) const {
+    if (part_ == JobPart::kFine) task.name += ", finest level";
+    return task;
+  }
+
   TaskId Add(PlannedTask task) {
     task.scale = costs_.Of(task.kind);
     task.cost *= task.scale;
     tasks_.push_back(std::move(task));
-    return TaskId(static_cast<int>(tasks_.size()) - 1);
+    return TaskId(static_cast<int>(size()) - 1);
   }
 
   std::string MethodName() const { return settings_.method.empty() ? kMethods[0] : settings_.method; }
@@ -293,7 +313,6 @@ class Graph {
     costs_ = CostsOf(base, base_survey);
     TESSERA_ASSIGN_OR_RETURN(
         changes_, FindChangedTiles(settings_, base_survey, survey_, TilesOfUpdate(base.tiles, survey_), costs_));
-    effort_ = EffortOf(settings_, survey_);
     views_of_base_ = base_survey.views.size();
     update_cost_ = costs_.Corrected(kIngestKind, PredictUpdateIngest(base_survey, survey_));
     if (base.outdated) outdated_ = PlannedInput{base_from_, kOutdatedFile};
@@ -324,30 +343,10 @@ class Graph {
     return parameters;
   }
 
-  using Latest = std::optional<PlannedInput> GraphTile::*;
-
-  // Adds the latest states or sums of the tiles to the task's inputs. Returns the tiles that have one.
-  std::vector<int> Read(Latest latest, const std::vector<int>& ids, PlannedTask* task) const {
-    std::vector<int> read;
-    for (const int id : ids) {
-      const std::optional<PlannedInput>& made = tiles_[id].*latest;
-      if (!made) continue;
-      task->inputs.push_back(*made);
-      read.push_back(id);
-    }
-    return read;
-  }
-
-  std::vector<int> Frozen(const std::vector<int>& ids, int stage) const {
-    std::vector<int> frozen;
-    std::copy_if(ids.begin(), ids.end(), std::back_inserter(frozen), [&](int id) { return !tiles_[id].Works(stage); });
-    return frozen;
-  }
-
   // Adds a task for each active tile of the stage. Their outputs become the latest only after all tasks are added,
   // because tasks of one stage must not read each other. Tiles that are no longer active have no sums.
   template <class Make>
-  void AddForEach(Latest latest, const char* file, int stage, const Make& make) {
+  void AddForEach(LatestOutput latest, const char* file, int stage, const Make& make) {
     std::vector<std::pair<GraphTile*, TaskId>> made;
     for (GraphTile& tile : tiles_) {
       if (!tile.Works(stage)) tile.sums.reset();
@@ -363,7 +362,7 @@ class Graph {
     last_states_ = stage;
     for (GraphTile& tile : tiles_) {
       if (!tile.redone || !tile.never_started() || tile.state) continue;
-      PlannedTask task = TaskOf(tile, kStartKind, PredictCut(survey_, tile.work));
+      PlannedTask task = TaskOf(tile, kStartKind, PredictStart(survey_, tile.work));
       task.parameters = ToJson(StartParameters{tile.parameters});
       task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
       tile.state = PlannedInput{Add(std::move(task)), kStateFile, tile.parameters.tile};
@@ -376,8 +375,8 @@ class Graph {
       PlannedTask task = StepTask(tile, kMeasureKind, PredictMeasure(tile.work, effort), s);
       task.inputs.push_back({tile.crop, kViewsFile});
       StepParameters parameters = ParametersOf(tile, s);
-      parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].visibility, &task);
-      parameters.frozen = Frozen(parameters.states, last_states_);  // all other states are of the same stage
+      parameters.states = ReadLatest(tiles_, &GraphTile::state, reads[tile.parameters.tile].visibility, &task);
+      parameters.frozen = FrozenOf(tiles_, parameters.states, last_states_);  // all other states are of the same stage
       task.parameters = ToJson(parameters);
       return task;
     });
@@ -391,9 +390,9 @@ class Graph {
       const TileReads& of_tile = reads[tile.parameters.tile];
       const std::vector<int>& ids = step.labels() ? of_tile.label : of_tile.solve;
       StepParameters parameters = ParametersOf(tile, s);
-      parameters.sums = Read(&GraphTile::sums, ids, &task);
-      parameters.states = Read(&GraphTile::state, ids, &task);
-      parameters.frozen = Frozen(parameters.states, stage);
+      parameters.sums = ReadLatest(tiles_, &GraphTile::sums, ids, &task);
+      parameters.states = ReadLatest(tiles_, &GraphTile::state, ids, &task);
+      parameters.frozen = FrozenOf(tiles_, parameters.states, stage);
       parameters.continues_base = continues_base_ && !survey_.revision && s == UpdateSteps(settings_, survey_).front();
       task.parameters = ToJson(parameters);
       return task;
@@ -410,8 +409,8 @@ class Graph {
       if (before) task.name = absl::StrCat("mend tile ", task.tile, " before step ", s);
       StepParameters parameters = ParametersOf(tile, s);
       parameters.before = before;
-      parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].repair, &task);
-      parameters.frozen = Frozen(parameters.states, stage);
+      parameters.states = ReadLatest(tiles_, &GraphTile::state, reads[tile.parameters.tile].repair, &task);
+      parameters.frozen = FrozenOf(tiles_, parameters.states, stage);
       if (before && continues_base_) {
         parameters.continues_base = true;
         parameters.first_new_face = survey_.revision->first_new_face;
@@ -423,10 +422,11 @@ class Graph {
 
   JobSettings settings_;
   Survey survey_;
-  RefineEffort effort_;
+  JobPart part_ = JobPart::kWhole;
   std::vector<std::vector<PlannedTask::ViewFile>> files_of_view_;
   std::vector<GraphTile> tiles_;
   std::vector<PlannedTask> tasks_;
+  size_t first_ = 0;  // index of the first of `tasks_`
   std::vector<std::optional<PlannedInput>> classified_;  // per view: likelihoods computed by the job
   std::optional<PlannedInput> borders_;                  // statistics of their class borders
   int classifier_file_ = -1;                             // index in the scene's files; -1: none
@@ -446,11 +446,14 @@ class Graph {
 }  // namespace
 
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
-                                             const std::vector<std::string>& scene_files, const UpdateBase* base) {
-  TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
+                                             const std::vector<std::string>& scene_files, const UpdateBase* base,
+                                             const FinePart* fine) {
+  TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base, fine));
   TESSERA_RETURN_IF_ERROR(CheckExports(settings, graph.survey()));
   const size_t first = graph.size();
-  if (base != nullptr) {
+  if (fine != nullptr) {
+    // The quote and the steps were checked before the coarse part.
+  } else if (base != nullptr) {
     TESSERA_RETURN_IF_ERROR(graph.AddPlan(*base));
     if (settings.update.plan_only) return std::move(graph).TakeFrom(first);
     if (graph.redone().empty()) {
@@ -460,14 +463,17 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
   } else {
     TESSERA_RETURN_IF_ERROR(CheckQuote(settings, graph.survey()));
   }
-  TESSERA_RETURN_IF_ERROR(CheckSteps(settings, graph.survey(), graph.continues_base()));
-  TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
+  if (fine == nullptr) {
+    TESSERA_RETURN_IF_ERROR(CheckSteps(settings, graph.survey(), graph.continues_base()));
+    TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
+  }
   graph.AddCuts();
   if (graph.tiles() == 1 && !graph.continues_base()) {
+    if (fine != nullptr) graph.AddFineStarts();
     graph.AddCrops();
     graph.AddRefine();
     if (base != nullptr) graph.AddChanges();
-    TESSERA_RETURN_IF_ERROR(graph.AddPublish());
+    TESSERA_RETURN_IF_ERROR(graph.AddEnd());
   }
   return std::move(graph).TakeFrom(first);
 }
@@ -475,18 +481,19 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
                                              const std::vector<TileReads>& reads, const UpdateBase* base,
-                                             const std::vector<FailedTile>& quarantined) {
-  TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
+                                             const std::vector<FailedTile>& quarantined, const FinePart* fine) {
+  TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base, fine));
   if (base != nullptr) graph.ReservePlan();
   TESSERA_RETURN_IF_ERROR(graph.Quarantine(quarantined));
   TESSERA_RETURN_IF_ERROR(CheckReads(reads, graph.cut().size(), graph.tiles()));
-  TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
+  if (fine == nullptr) TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
   graph.AddCuts();
   const size_t first = graph.size();
+  if (fine != nullptr) graph.AddFineStarts();
   graph.AddCrops();
   graph.AddSteps(reads);
   if (base != nullptr) graph.AddChanges();
-  TESSERA_RETURN_IF_ERROR(graph.AddPublish());
+  TESSERA_RETURN_IF_ERROR(graph.AddEnd());
   return std::move(graph).TakeFrom(first);
 }
 

@@ -1,5 +1,7 @@
 // Plans the tasks of a job in three phases. Phase 1 makes the survey. Phase 2 is planned from the survey and cuts the
-// tiles. Phase 3 is planned from the cuts' results (which tiles read each other) and contains the remaining tasks.
+// tiles. Phase 3 is planned from the cuts' results (which tiles read each other) and contains the remaining tasks. In a
+// job that splits faces twice (JobPart) it ends with the task that splits them; phases 2 and 3 then follow again, for
+// the fine part.
 #pragma once
 
 #include <string>
@@ -8,6 +10,7 @@
 #include "common/base/status.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/hash.h"
+#include "server/plan/fine_part.h"
 #include "server/plan/planned_task.h"
 #include "server/plan/stages.h"
 #include "server/plan/update_base.h"
@@ -29,11 +32,12 @@ StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings, const
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
                                               const UpdateBase& base);
 
-// Phase 2: one cut per tile, in order; for an untiled job all remaining tasks, publish last, then exports. For an
-// update (`base` not null): a given task with its plan, and the cuts of the redone tiles, or publish if there are none.
+// Phase 2: one cut per tile, in order; for an untiled job all remaining tasks of its part, publish last, then exports.
+// For an update (`base` not null; it has no parts): a given task with its plan, and the cuts of the redone tiles, or
+// publish if there are none.
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
-                                             const UpdateBase* base = nullptr);
+                                             const UpdateBase* base = nullptr, const FinePart* fine = nullptr);
 
 // Phase 3 of a tiled job or an update, publish last, then exports. `reads`: kReadsFile of each tile that was cut, in
 // order. `quarantined`: tiles that keep their last repaired state before the failed task. Their tasks up to that state
@@ -41,6 +45,7 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
                                              const std::vector<TileReads>& reads, const UpdateBase* base = nullptr,
-                                             const std::vector<FailedTile>& quarantined = {});
+                                             const std::vector<FailedTile>& quarantined = {},
+                                             const FinePart* fine = nullptr);
 
 }  // namespace tessera

@@ -1,8 +1,11 @@
 // A tile of the task graph (graph.cc).
 #pragma once
 
+#include <algorithm>
+#include <iterator>
 #include <limits>
 #include <optional>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "server/plan/planned_task.h"
@@ -16,6 +19,7 @@ struct GraphTile {
   TaskId cut, crop;
   std::optional<PlannedInput> sums, state;  // latest outputs
   bool redone = true;                       // false: an update keeps the base's state
+  bool left_out = false;                    // quarantined before the fine part: it is not cut again
   // First stage (StageOf) without tasks, because the tile is quarantined; it keeps the state before.
   int frozen_from = std::numeric_limits<int>::max();
   bool never_started() const { return frozen_from < 0; }
@@ -32,6 +36,29 @@ inline PlannedTask TaskOf(const GraphTile& tile, const char* kind, const Predict
   task.name = absl::StrCat(kind, " tile ", task.tile);
   SetCost(cost, &task);
   return task;
+}
+
+// The latest states or sums of a tile.
+using LatestOutput = std::optional<PlannedInput> GraphTile::*;
+
+// Adds those of the tiles to the task's inputs. Returns the tiles that have one.
+inline std::vector<int> ReadLatest(const std::vector<GraphTile>& tiles, LatestOutput latest,
+                                   const std::vector<int>& ids, PlannedTask* task) {
+  std::vector<int> read;
+  for (const int id : ids) {
+    const std::optional<PlannedInput>& made = tiles[id].*latest;
+    if (!made) continue;
+    task->inputs.push_back(*made);
+    read.push_back(id);
+  }
+  return read;
+}
+
+// Those of the tiles that have no tasks in the stage.
+inline std::vector<int> FrozenOf(const std::vector<GraphTile>& tiles, const std::vector<int>& ids, int stage) {
+  std::vector<int> frozen;
+  std::copy_if(ids.begin(), ids.end(), std::back_inserter(frozen), [&](int id) { return !tiles[id].Works(stage); });
+  return frozen;
 }
 
 }  // namespace tessera

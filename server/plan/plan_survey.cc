@@ -122,6 +122,7 @@ StatusOr<std::vector<PlannedTask>> PlanIngest(const JobSettings& settings, const
   std::iota(files.begin(), files.end(), 0);
   std::vector<PlannedTask> tasks;
   IngestParameters parameters = IngestParametersOf(settings);
+  parameters.coarse_faces = FirstFineStepOf(settings) > 0;
   AddInspections(settings, scene_files, files, &tasks, &task, &parameters);
   task.parameters = ToJson(parameters);
   tasks.push_back(std::move(task));

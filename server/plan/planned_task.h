@@ -60,6 +60,9 @@ struct PlannedTask {
   LazyValue<std::vector<std::pair<std::string, std::string>>> given_contents = {};  // name, content; not recorded
   double scale = 1;          // factor of CostScale that `cost` contains; 0: not known
   int64_t stored_bytes = 0;  // predicted size of its outputs; 0: not predicted
+  // Predicted core-seconds and outputs of the tasks that are planned from its outputs; 0: not predicted.
+  double later_cost = 0;
+  int64_t later_bytes = 0;
 };
 
 // Path of the file, relative to the reader's input folder.

@@ -16,8 +16,11 @@ int StageOf(const std::string& kind, int step, bool before) {
   return before ? first : first + 3;  // mend
 }
 
-std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool continues_base) {
-  return continues_base ? UpdateSteps(settings, survey) : ActiveStepsOf(settings, survey);
+std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool continues_base, JobPart part) {
+  std::vector<int> steps = continues_base ? UpdateSteps(settings, survey) : ActiveStepsOf(settings, survey);
+  const int first_fine = FirstFineStepOf(settings);
+  std::erase_if(steps, [&](int s) { return !IsStepOf(part, s, first_fine); });
+  return steps;
 }
 
 Status CheckSteps(const JobSettings& settings, const Survey& survey, bool continues_base) {
@@ -56,6 +59,23 @@ std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey&
     if (steps[s].ends_level) stages.push_back(StageOf(kMendKind, s));
   }
   return stages;
+}
+
+Status FreezeTiles(const std::vector<FailedTile>& failed, const std::vector<int>& good, bool fine,
+                   bool from_revised_base, std::vector<GraphTile>* tiles) {
+  for (const FailedTile& each : failed) {
+    if (each.fine != fine) continue;  // of the other part
+    if (each.tile < 0 || each.tile >= static_cast<int>(tiles->size()) || !(*tiles)[each.tile].redone) {
+      return absl::FailedPreconditionError(
+          absl::StrCat("cannot quarantine tile ", each.tile, ": the job does not refine it"));
+    }
+    GraphTile& tile = (*tiles)[each.tile];
+    tile.frozen_from = FrozenFrom(each, good);
+    if (!tile.never_started() || !from_revised_base) continue;
+    return absl::FailedPreconditionError(
+        absl::StrCat("tile ", each.tile, " cannot keep the base job's state: the mesh has changed"));
+  }
+  return absl::OkStatus();
 }
 
 int FrozenFrom(const FailedTile& tile, const std::vector<int>& good) {

@@ -94,15 +94,19 @@ std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) 
 }
 
 std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, const Survey& survey) {
-  if (!survey.revision) return tiles;
+  return survey.revision ? GrownTiles(std::move(tiles), survey) : tiles;
+}
+
+std::vector<TileParameters> GrownTiles(std::vector<TileParameters> tiles, const Survey& survey) {
   const CellIndex index(survey);
+  std::set<const SurveyCell*> in_tiles;
   for (TileParameters& tile : tiles) {
-    bool has_cells = false;
-    index.ForEachIn(tile.core, [&](const SurveyCell&) { has_cells = true; });
-    if (!has_cells) tile.core = {};
+    const size_t before = in_tiles.size();
+    index.ForEachIn(tile.core, [&](const SurveyCell& cell) { in_tiles.insert(&cell); });
+    if (in_tiles.size() == before) tile.core = {};
   }
   for (const SurveyCell& cell : survey.cells) {
-    if (!IsRevised(survey, cell.x, cell.y)) continue;
+    if (in_tiles.contains(&cell)) continue;
     const auto has = [&](const TileParameters& tile) { return tile.core.Contains({cell.x, cell.y}); };
     if (std::any_of(tiles.begin(), tiles.end(), has)) continue;
     // Grow the tile that needs the fewest additional cells.
@@ -183,8 +187,10 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
   if (!all_in(survey.cells, before) || !all_in(base.cells, after)) {
     return absl::InvalidArgumentError("update: found other cells in the survey than in that of the base job");
   }
-  const RefineEffort effort = settings.update.from_scratch ? EffortOf(settings, survey)
-                                                           : EffortOf(StepsOf(settings), UpdateSteps(settings, survey));
+  const bool from_scratch = settings.update.from_scratch;
+  RefineEffort effort = EffortOf(
+      StepsOf(settings), from_scratch ? ActiveStepsOf(settings, survey) : UpdateSteps(settings, survey));
+  if (from_scratch) effort.mends += 1;  // repair of the start
   const CellIndex cells(survey);
   std::vector<TileChange> changes;
   for (const TileParameters& tile : tiles) {

@@ -37,8 +37,11 @@ struct TileChange {
   Prediction predicted;
 };
 
-// The base's tiles, grown to contain the survey's new cells. A cell that no tile can contain without overlapping
-// another becomes a new tile. A tile without cells is removed: it gets an empty core, and its number is not reused.
+// The tiles of a base or of the coarse part, grown to contain the survey's new cells. A cell that no tile can contain
+// without overlapping another becomes a new tile. A tile without cells is removed: it gets an empty core, and its number
+// is not reused.
+std::vector<TileParameters> GrownTiles(std::vector<TileParameters> tiles, const Survey& survey);
+// GrownTiles if the mesh changed, else `tiles`.
 std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, const Survey& survey);
 
 // The changes of each tile. A tile is redone if, in one of its cells, the mesh, the selected views or one of those

@@ -68,6 +68,8 @@ constexpr double kReadSeconds = 30e-9;     // per crop pixel and class
 constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
 constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
+// The second split: per face before and after.
+constexpr double kSecondSplitBytesPerFace = 180, kSecondSplitSecondsPerFace = 2.5e-6;
 constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 2.6e-6;
 constexpr double kFlipBytesPerFace = 110;  // of a tile; assumes one tile of up to kResidentFaces
 
@@ -81,9 +83,10 @@ constexpr double kStoredPixel = 8.0 / 3, kStoredPlanePixel = 4.0 / 3, kStoredCro
 // width); label sums, and per class; state between levels; state within a level.
 constexpr double kStoredFace = 36, kStoredVisibleFace = 90, kStoredMeasuredFace = 32, kStoredPairPixel = 0.09;
 constexpr double kStoredLabels = 8, kStoredClass = 4, kStoredState = 26.5, kStoredIteration = 44.5;
-// City: per face and per view of the survey; per published face, in one mesh and in tiles; per compared cell.
-constexpr double kStoredCityFace = 38.5, kStoredView = 2000, kStoredPublished = 40, kStoredInTiles = 36,
-                 kStoredChangeCell = 50;
+// City: per face, of the surface after the coarse levels, and per view of the survey; per published face, in one mesh
+// and in tiles; per compared cell.
+constexpr double kStoredCityFace = 38.5, kStoredMoved = 20, kStoredView = 2000, kStoredPublished = 40,
+                 kStoredInTiles = 36, kStoredChangeCell = 50;
 
 // Tasks mostly map the city's files, and the system evicts these pages when memory is short. So only kResidentFaces
 // count in full; the rate for the others is what city_bench's tasks needed (tests/bench/scaling.md).
@@ -221,49 +224,9 @@ double SolveSeconds(double faces, const RefineEffort& effort) {
 
 }  // namespace
 
-RefineEffort EffortOf(const RefineStep& step) {
-  RefineEffort effort;
-  if (step.labels()) {
-    effort.finest_share = effort.labellings = 1;
-  } else {
-    effort.evaluations = effort.finest_share = std::ldexp(1.0, -2 * step.level);
-    effort.warps = (step.directions == PairDirections::kBoth ? 1 : 0.5) * effort.evaluations;
-    effort.iterations = 1;
-    effort.widths = std::ldexp(1.0, -step.level);
-    effort.mends = step.ends_level ? 1 : 0;
-  }
-  return effort;
-}
-
-RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<int>& which) {
-  RefineEffort sum;
-  for (const int step : which) {
-    const RefineEffort effort = EffortOf(steps[step]);
-    sum.evaluations += effort.evaluations;
-    sum.warps += effort.warps;
-    sum.iterations += effort.iterations;
-    sum.widths += effort.widths;
-    sum.finest_share = std::max(sum.finest_share, effort.finest_share);
-    sum.labellings += effort.labellings;
-    sum.mends += effort.mends;
-  }
-  return sum;
-}
-
-std::vector<RefineStep> StepsOf(const JobSettings& settings) {
-  return RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
-}
-
-std::vector<int> ActiveStepsOf(const JobSettings& settings, const Survey& survey) {
-  const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
-  return ActiveSteps(StepsOf(settings), MethodRulesOf(settings.method, settings.rounds, settings.method_settings),
-                     traits);
-}
-
-RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
-  RefineEffort sum = EffortOf(StepsOf(settings), ActiveStepsOf(settings, survey));
-  sum.mends += 1;  // repair of the start
-  return sum;
+TileWork WithFaces(TileWork work, double share) {
+  for (double* faces : {&work.core_faces, &work.solve_faces, &work.visible_faces, &work.drawn_faces}) *faces *= share;
+  return work;
 }
 
 TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
@@ -443,6 +406,19 @@ std::vector<Prediction> PredictClassify(const Survey& survey) {
          Bytes(kStoredClassified * classes * pixels)});
   }
   return predictions;
+}
+
+Prediction PredictSplit(double faces, double fine_faces) {
+  const double all = faces + fine_faces;
+  return {kTaskSeconds + kSecondSplitSecondsPerFace * all,
+          Bytes(kFixedBytes + CityBytes(kSecondSplitBytesPerFace, all)),
+          Bytes((kStoredCityFace + kStoredMoved) * fine_faces)};
+}
+
+Prediction PredictStart(const Survey& survey, const TileWork& work) {
+  const double city = static_cast<double>(survey.faces);
+  return {kTaskSeconds + kCutSecondsPerCityFace * city + kStateSeconds * work.core_faces,
+          Bytes(kFixedBytes + CityBytes(kCutBytesPerCityFace, city)), Bytes(kStoredState * work.core_faces)};
 }
 
 Prediction PredictPublish(const Survey& survey) {

@@ -28,11 +28,23 @@ struct RefineEffort {
   double mends = 0;         // fold repairs
 };
 
-// Effort of one step, of the steps with given indices, and of a whole job.
+// Effort of one step, and of the steps with given indices.
 RefineEffort EffortOf(const RefineStep& step);
 RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<int>& which);
-RefineEffort EffortOf(const JobSettings& settings, const Survey& survey);
 
+// Effort of a whole job: of its coarse part (none if it has one part), and of the fine part or all of it.
+struct JobEffort {
+  RefineEffort coarse, fine;
+  double coarse_faces = 1;  // faces of the coarse part for each face of the fine part
+  bool has_parts() const { return coarse.iterations > 0; }
+};
+// The survey as it is predicted to be after the second split; the same if the job has one part.
+Survey AfterSecondSplit(Survey survey, const JobEffort& effort);
+// `survey`: before the second split.
+JobEffort EffortOf(const JobSettings& settings, const Survey& survey);
+
+// Index of the first step of the fine part; 0: the job has one part.
+int FirstFineStepOf(const JobSettings& settings);
 // The steps of a job, and the indices of the active ones of a job that does not start from a base job's states.
 std::vector<RefineStep> StepsOf(const JobSettings& settings);
 std::vector<int> ActiveStepsOf(const JobSettings& settings, const Survey& survey);
@@ -62,6 +74,9 @@ struct TileWork {
 // their boxes.
 TileWork MeasureTile(const CellIndex& cells, const CellRect& core);
 
+// The same tile with this many faces for each of its faces.
+TileWork WithFaces(TileWork work, double share);
+
 struct Prediction {
   double core_seconds = 0;
   int64_t peak_bytes = 0;
@@ -83,8 +98,19 @@ Prediction PredictSolve(const TileWork& work, const RefineEffort& effort);
 Prediction PredictMend(const TileWork& work, const RefineEffort& effort);
 // The task that runs all steps of an untiled job.
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
+// The sum of both parts. `work`: with the faces of the fine part.
+template <class Predict>
+Prediction OfParts(const Predict& predict, const TileWork& work, const JobEffort& effort) {
+  Prediction sum = predict(work, effort.fine);
+  if (effort.has_parts()) sum += predict(WithFaces(work, effort.coarse_faces), effort.coarse);
+  return sum;
+}
+
 // Predictions for the tasks of the job; of ingest with the inspections of its images.
 Prediction PredictIngest(const Survey& survey);
+// The second split; faces of the survey before and after. The states of a tile with which the fine part begins.
+Prediction PredictSplit(double faces, double fine_faces);
+Prediction PredictStart(const Survey& survey, const TileWork& work);
 Prediction PredictPublish(const Survey& survey);
 // Classification of one view.
 std::vector<Prediction> PredictClassify(const Survey& survey);

@@ -43,28 +43,41 @@ Prediction PredictViews(const Survey& survey, const std::set<int32_t>& views, co
 StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, const CostScale& costs) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   Quote quote;
-  const CellIndex cells(survey);
   const TilingOptions options = TilingOptionsOf(settings, survey);
+  const JobEffort& effort = options.effort;
+  const Survey last = AfterSecondSplit(survey, effort);
+  const CellIndex cells(last);
   TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(cells, options));
   quote.ingest = costs.Corrected(kIngestKind, PredictIngest(survey));
-  quote.publish = costs.Corrected(kPublishKind, PredictPublish(survey));
+  quote.publish = costs.Corrected(kPublishKind, PredictPublish(last));
+  if (effort.has_parts()) {
+    quote.split = costs.Corrected(
+        kSplitKind, PredictSplit(static_cast<double>(survey.faces), static_cast<double>(last.faces)));
+  }
   quote.interval = kRefineSecondsInterval;
   quote.area_m2 = static_cast<double>(survey.cells.size()) * survey.ground.cell_m * survey.ground.cell_m;
   quote += quote.ingest;
   quote += quote.publish;
+  quote += quote.split;
   for (const CellRect& core : cores) {
     TileQuote tile;
     tile.tile = static_cast<int>(quote.tiles.size());
     tile.core = core;
     tile.work = MeasureTile(cells, core);
-    tile.cut = costs.Corrected(kCutKind, PredictCut(survey, tile.work));
+    tile.cut = costs.Corrected(kCutKind, PredictCut(last, tile.work));
     tile.crop = costs.Corrected(kCropKind, PredictCrop(tile.work));
+    if (effort.has_parts()) {
+      const TileWork coarse = WithFaces(tile.work, effort.coarse_faces);
+      tile.cut += costs.Corrected(kCutKind, PredictCut(survey, coarse));
+      tile.cut += costs.Corrected(kStartKind, PredictStart(last, tile.work));
+      tile.crop += costs.Corrected(kCropKind, PredictCrop(coarse));
+    }
     if (cores.size() == 1) {
-      tile.refine = costs.Corrected(kRefineKind, PredictRefine(tile.work, options.effort));
+      tile.refine = costs.Corrected(kRefineKind, OfParts(PredictRefine, tile.work, effort));
     } else {
-      tile.measure = costs.Corrected(kMeasureKind, PredictMeasure(tile.work, options.effort));
-      tile.solve = costs.Corrected(kSolveKind, PredictSolve(tile.work, options.effort));
-      tile.mend = costs.Corrected(kMendKind, PredictMend(tile.work, options.effort));
+      tile.measure = costs.Corrected(kMeasureKind, OfParts(PredictMeasure, tile.work, effort));
+      tile.solve = costs.Corrected(kSolveKind, OfParts(PredictSolve, tile.work, effort));
+      tile.mend = costs.Corrected(kMendKind, OfParts(PredictMend, tile.work, effort));
     }
     quote.core_faces += tile.work.core_faces;
     quote.visible_faces += tile.work.visible_faces;
@@ -75,7 +88,7 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
   for (const TileQuote& tile : quote.tiles) views.insert(tile.work.views.begin(), tile.work.views.end());
   quote.classify = PredictViews(survey, views, costs);
   quote += quote.classify;
-  TESSERA_ASSIGN_OR_RETURN(const Prediction exports, PredictExports(settings, survey));
+  TESSERA_ASSIGN_OR_RETURN(const Prediction exports, PredictExports(settings, last));
   quote.exports = costs.Corrected(kExportKind, exports);
   quote += quote.exports;
   return quote;
@@ -84,7 +97,8 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
 double WallSeconds(const Quote& quote, int workers, int threads) {
   // Tasks of these kinds are many and similar, so they need no list scheduling.
   const double many = quote.classify.core_seconds + quote.exports.core_seconds;
-  double seconds = quote.ingest.core_seconds + quote.publish.core_seconds + many / std::max(1, workers);
+  double seconds =
+      quote.ingest.core_seconds + quote.split.core_seconds + quote.publish.core_seconds + many / std::max(1, workers);
   for (const Prediction TileQuote::*stage : {&TileQuote::cut, &TileQuote::crop, &TileQuote::measure, &TileQuote::solve,
                                              &TileQuote::mend, &TileQuote::refine}) {
     std::vector<double> tasks;

@@ -16,7 +16,7 @@ struct TileQuote {
   int tile = 0;
   CellRect core;
   TileWork work;
-  Prediction cut, crop;
+  Prediction cut, crop;             // of both parts of a job that splits faces twice; cut with the start of the second
   Prediction measure, solve, mend;  // of all steps: sums, but the largest memory
   Prediction refine;                // of an untiled job, instead of these
   Prediction Total() const;
@@ -26,6 +26,7 @@ struct TileQuote {
 struct Quote : Prediction {
   std::vector<TileQuote> tiles;
   Prediction ingest, publish;
+  Prediction split;                          // the second split of faces; zero if the job splits them once
   Prediction classify;                       // of all views, if the job classifies; largest memory
   Prediction exports;                        // of all exports; largest memory
   double area_m2 = 0;                        // of the ground cells with faces

@@ -191,7 +191,7 @@ class KdSplitter {
 
 }  // namespace
 
-double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const RefineEffort& effort) {
+double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const JobEffort& effort) {
   // Treats the cell as a tile whose crops show its square at the median GSD; each view has its share of partners.
   TileWork work;
   const double side_px = survey.ground.cell_m / survey.gsd_m, views = static_cast<double>(cell.views.size());
@@ -202,14 +202,14 @@ double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const Re
   work.pixels = views * side_px * side_px;
   work.pair_pixels = work.pixels * std::min(partners, std::max(0.0, views - 1));
   // Cells without views have work too: fold repair.
-  return PredictCrop(work).core_seconds + PredictRefine(work, effort).core_seconds;
+  return PredictCrop(work).core_seconds + OfParts(PredictRefine, work, effort).core_seconds;
 }
 
-int64_t PredictTileBytes(const TileWork& work, const RefineEffort& effort, bool only) {
+int64_t PredictTileBytes(const TileWork& work, const JobEffort& effort, bool only) {
   const int64_t crop = PredictCrop(work).peak_bytes;
-  if (only) return std::max(crop, PredictRefine(work, effort).peak_bytes);
-  return std::max({crop, PredictMeasure(work, effort).peak_bytes, PredictSolve(work, effort).peak_bytes,
-                   PredictMend(work, effort).peak_bytes});
+  if (only) return std::max(crop, OfParts(PredictRefine, work, effort).peak_bytes);
+  return std::max({crop, OfParts(PredictMeasure, work, effort).peak_bytes,
+                   OfParts(PredictSolve, work, effort).peak_bytes, OfParts(PredictMend, work, effort).peak_bytes});
 }
 
 TilingOptions TilingOptionsOf(const JobSettings& settings, const Survey& survey) {

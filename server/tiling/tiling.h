@@ -16,14 +16,14 @@ inline constexpr int64_t kDefaultTileBytes = int64_t{4} << 30;
 struct TilingOptions {
   int tiles = 0;           // requested number; 0: as many as the memory limit requires
   int64_t tile_bytes = 0;  // memory limit of a tile; 0: 4 GiB, or no limit if `tiles` is set
-  RefineEffort effort;     // of all steps
+  JobEffort effort;        // of all steps
 };
 
 // Options of a job.
 TilingOptions TilingOptionsOf(const JobSettings& settings, const Survey& survey);
 
 // Largest memory of a tile's tasks. `only`: untiled job, where one task runs all steps.
-int64_t PredictTileBytes(const TileWork& work, const RefineEffort& effort, bool only);
+int64_t PredictTileBytes(const TileWork& work, const JobEffort& effort, bool only);
 
 // Rectangles of cells that cover every cell of the survey exactly once, each with at least one face.
 // A k-d tree over predicted work: each part is split across its longer side, or the shorter one if that balances better,
@@ -34,6 +34,6 @@ int64_t PredictTileBytes(const TileWork& work, const RefineEffort& effort, bool 
 StatusOr<std::vector<CellRect>> LayOutTiles(const CellIndex& cells, const TilingOptions& options);
 
 // Predicted core-seconds that a cell adds to its tile, without the halo and without the exact image crops.
-double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const RefineEffort& effort);
+double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const JobEffort& effort);
 
 }  // namespace tessera

@@ -57,6 +57,10 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
     cores[parameters.tile.tile] = parameters.tile.core;
   }
   double stored_in_all = 0, predicted_in_all = 0;
+  // The survey that the tasks were planned from: after the second split with its number of faces.
+  Survey now = survey;
+  double split_again = 1;
+  const int first_fine = FirstFineStepOf(settings);
   for (const json& task : job.at("tasks")) {
     if (!task.contains("used")) continue;
     const std::string kind = task.at("kind"), title = task.at("title");
@@ -65,11 +69,21 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
     Prediction prediction;
     TileWork work;
     const int tile = task.at("tile");
-    if (tile >= 0) work = MeasureTile(cells, cores[tile]);
+    if (tile >= 0) work = WithFaces(MeasureTile(cells, cores[tile]), split_again);
     RefineEffort effort;
     if (kind == "refine") {
-      effort = EffortOf(settings, survey);
+      TESSERA_ASSIGN_OR_RETURN(const RefineParameters refine, ParseRefineParameters(task.at("parameters").dump()));
+      std::vector<int> of_part = ActiveStepsOf(settings, survey);
+      std::erase_if(of_part, [&](int s) { return !IsStepOf(refine.part, s, first_fine); });
+      effort = EffortOf(steps, of_part);
+      if (refine.part != JobPart::kFine) effort.mends += 1;  // of the start
       prediction = PredictRefine(work, effort);
+    }
+    if (kind == "split") {
+      const double coarse = task.at("stats").at("coarse_faces"), fine = task.at("stats").at("faces");
+      prediction = PredictSplit(coarse, fine);
+      split_again = fine / coarse;
+      now.faces = std::llround(fine);
     }
     if (kind == "measure" || kind == "solve") {
       TESSERA_ASSIGN_OR_RETURN(const StepParameters step, ParseStepParameters(task.at("parameters").dump()));
@@ -81,9 +95,9 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
       prediction = PredictMend(work, effort);
     }
     if (kind == "crop") prediction = PredictCrop(work);
-    if (kind == "cut") prediction = PredictCut(survey, work);
+    if (kind == "cut") prediction = PredictCut(now, work);
     if (kind == "ingest") prediction = PredictIngest(survey);
-    if (kind == "publish") prediction = PredictPublish(survey);
+    if (kind == "publish") prediction = PredictPublish(now);
     std::printf(
         "%s\t%s\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.3f\t%.0f\t%.0f\t%zu\t%d\t%."
         "3f\t%."

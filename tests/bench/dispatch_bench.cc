@@ -39,13 +39,15 @@ double Seconds() { return std::chrono::duration<double>(std::chrono::steady_cloc
 class BarePlanner : public Planner {
  public:
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>& files, const UpdateBase*) override {
-    return Bare(PlanTiles(settings, survey, files));
+                                           const std::vector<std::string>& files, const UpdateBase*,
+                                           const FinePart* fine) override {
+    return Bare(PlanTiles(settings, survey, files, nullptr, fine));
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>& files, const std::vector<TileReads>& reads,
-                                           const UpdateBase*, const std::vector<FailedTile>&) override {
-    return Bare(PlanSteps(settings, survey, files, reads));
+                                           const UpdateBase*, const std::vector<FailedTile>&,
+                                           const FinePart* fine) override {
+    return Bare(PlanSteps(settings, survey, files, reads, nullptr, {}, fine));
   }
   StatusOr<std::vector<PlannedTask>> Ingest(const JobSettings& settings, const std::vector<std::string>& files,
                                             const std::vector<int64_t>& size_bytes) override {
@@ -88,6 +90,10 @@ class FileWriter {
       TESSERA_RETURN_IF_ERROR(write(kCityFile, blob(20)));
       TESSERA_RETURN_IF_ERROR(write(kSurveyFile, SurveyToJson(survey_)));
       TESSERA_RETURN_IF_ERROR(write(kPlainSurveyFile, ""));
+    } else if (request.kind == kSplitKind) {
+      for (const char* name : {kCityFile, kMovedFile}) TESSERA_RETURN_IF_ERROR(write(name, blob(20)));
+      TESSERA_RETURN_IF_ERROR(write(kSurveyFile, SurveyToJson(survey_)));
+      TESSERA_RETURN_IF_ERROR(write(kPlainSurveyFile, "after the split"));
     } else if (request.kind == kCutKind) {
       TESSERA_ASSIGN_OR_RETURN(const CutParameters cut, ParseCutParameters(request.parameters));
       TESSERA_RETURN_IF_ERROR(write(kTileFile, blob(4)));

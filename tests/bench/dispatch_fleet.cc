@@ -61,7 +61,7 @@ class ChainPlanner : public Planner {
     return std::vector<PlannedTask>{{kIngestKind, "ingest", -1, "{}", 1, {}}};
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings&, const std::string&, const std::vector<std::string>&,
-                                           const UpdateBase*) override {
+                                           const UpdateBase*, const FinePart*) override {
     std::vector<PlannedTask> tasks;
     tasks.reserve(arguments_.tasks + 1);
     const int chains = arguments_.workers;

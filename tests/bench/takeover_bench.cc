@@ -42,7 +42,7 @@ class FlatPlanner : public Planner {
     return std::vector<PlannedTask>{{kIngestKind, "ingest", -1, "{}", 1, {}}};
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings&, const std::string&, const std::vector<std::string>&,
-                                           const UpdateBase*) override {
+                                           const UpdateBase*, const FinePart*) override {
     std::vector<PlannedTask> tasks;
     PlannedTask publish{kPublishKind, "publish", -1, "{}", 1, {}};
     for (int tile = 0; tile < count_; ++tile) {

@@ -149,10 +149,14 @@ TEST_F(ImportTest, ResultOfAnImportedSceneIsThatOfTheScene) {
                                  "material", "--classes", WriteClasses()});
   ASSERT_EQ(import.exit_code, 0) << import.output;
   fs::copy(ToyCity() + "/likelihoods", scene_ + "/likelihoods");
-  const std::string out = folder_.path() + "/out";
-  const Outcome run = Tessera(folder_.path(), {"run", scene_, "--tiles", "4", "--out", out});
-  ASSERT_EQ(run.exit_code, 0) << run.output;
-  const TriangleMesh imported = ReadPly(out + "/mesh.ply").value().mesh, made = ReadPly(UndisturbedMesh()).value().mesh;
+  // On one level: where the last digits of poses differ, the second split of faces may decide otherwise.
+  const auto result = [&](const std::string& scene, const std::string& out) {
+    const Outcome run = Tessera(folder_.path(), {"run", scene, "--tiles", "4", "--levels", "0", "--iterations", "8",
+                                                 "--out", folder_.path() + out});
+    EXPECT_EQ(run.exit_code, 0) << run.output;
+    return ReadPly(folder_.path() + out + "/mesh.ply").value().mesh;
+  };
+  const TriangleMesh imported = result(scene_, "/imported"), made = result(ToyCity(), "/made");
   EXPECT_EQ(imported.faces, made.faces);
   EXPECT_EQ(imported.labels, made.labels);
   ASSERT_EQ(imported.vertices.size(), made.vertices.size());

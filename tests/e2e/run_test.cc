@@ -62,10 +62,10 @@ TEST_F(RunTest, ResultDoesNotDependOnSharedStorage) {
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
 }
 
-TEST_F(RunTest, UntiledIsOneRefineTask) {
+TEST_F(RunTest, UntiledIsARefineTaskForTheCoarseLevelsAndOneForTheFinest) {
   const Outcome outcome = Run({"--tiles", "1"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
-  EXPECT_EQ(AttemptsOf(out_ + "/job.json", "refine").size(), 1u);
+  EXPECT_EQ(AttemptsOf(out_ + "/job.json", "refine").size(), 2u);
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh())) << "four tiles give the same bytes";
 
   // The page shows the figures of report.json, and pictures of the start and of the result.
@@ -114,9 +114,11 @@ TEST_F(RunTest, RunReusesSurveyOfPlanAndMatchesPrediction) {
     for (const auto& [name, file] : task["outputs"].items()) stored += file["size_bytes"].get<double>();
     const int tile = task["tile"];
     if (tile < 0) continue;
-    const std::string kind = task["kind"];
+    // The plan counts the states with which the finest level starts to the cuts.
+    const std::string kind = task["kind"] == "start" ? "cut" : task["kind"];
     predicted_s[{tile, kind}] += task["predicted"]["core_seconds"].get<double>();
-    EXPECT_LE(task["predicted"]["peak_bytes"], planned["tiles"][tile][kind]["peak_bytes"]);
+    EXPECT_LE(task["predicted"]["peak_bytes"].get<double>(),
+              1.05 * planned["tiles"][tile][kind]["peak_bytes"].get<double>());
     if (task["reused"] == true && kind == "cut") continue;  // plan's workers go on until they are stopped
     EXPECT_GT(task["used"]["core_seconds"], 0);
     if (task["used"]["peak_bytes"] > 1 << 20) measured.insert(kind);
@@ -127,7 +129,9 @@ TEST_F(RunTest, RunReusesSurveyOfPlanAndMatchesPrediction) {
   EXPECT_EQ(predicted_s.size(), 4u * 5) << "cut, crop, measure, solve, mend";
   for (const auto& [task, seconds] : predicted_s) {
     const auto& [tile, kind] = task;
-    EXPECT_NEAR(seconds, planned["tiles"][tile][kind]["core_seconds"].get<double>(), 1e-9);
+    // How many faces the second split will make is not known exactly.
+    const double planned_s = planned["tiles"][tile][kind]["core_seconds"];
+    EXPECT_NEAR(seconds, planned_s, 0.2 * planned_s) << kind;
   }
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
 }

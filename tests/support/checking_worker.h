@@ -25,7 +25,8 @@ class BasePlanner : public FakePlanner {
     return std::vector<PlannedTask>{taken, update};
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string&,
-                                           const std::vector<std::string>&, const UpdateBase* base) override {
+                                           const std::vector<std::string>&, const UpdateBase* base,
+                                           const FinePart*) override {
     const int survey = base == nullptr ? 0 : 1;
     std::vector<PlannedTask> tasks;
     PlannedTask publish{kPublishKind, "publish", -1, "", 1, {}};

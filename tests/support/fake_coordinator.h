@@ -77,7 +77,8 @@ class FakePlanner : public Planner {
     return std::vector<PlannedTask>{std::move(task)};
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>&, const UpdateBase*) override {
+                                           const std::vector<std::string>&, const UpdateBase*,
+                                           const FinePart*) override {
     if (survey == "bad") return absl::InvalidArgumentError("bad survey");
     std::vector<PlannedTask> tasks;
     for (int tile = 0; tile < settings.tiles; ++tile) {
@@ -96,7 +97,8 @@ class FakePlanner : public Planner {
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>&, const std::vector<TileReads>& reads,
-                                           const UpdateBase*, const std::vector<FailedTile>& quarantined) override {
+                                           const UpdateBase*, const std::vector<FailedTile>& quarantined,
+                                           const FinePart*) override {
     std::set<int> not_cut;
     for (const FailedTile& each : quarantined) not_cut.insert(each.tile);
     std::vector<PlannedTask> tasks;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 
 #include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
@@ -51,6 +52,24 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
   return task;
 }
 
+// Of the tiles that the tasks from `first` on cut, but for those whose cut is to fail.
+StatusOr<std::vector<TileReads>> ReadsOf(const std::vector<LineTask>& tasks, size_t first,
+                                         const std::vector<FailedTile>& quarantined, bool fine) {
+  std::vector<TileReads> reads;
+  for (size_t t = first; t < tasks.size(); ++t) {
+    const PlannedTask& planned = tasks[t].planned;
+    if (planned.kind != kCutKind) continue;
+    TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadFile(tasks[t].output_dir + "/" + kReadsFile));
+    TESSERA_ASSIGN_OR_RETURN(const CutParameters parameters, ParseCutParameters(planned.parameters));
+    TESSERA_ASSIGN_OR_RETURN(TileReads of_tile,
+                             ParseTileReads(json, planned.tile, static_cast<int>(parameters.cores.size())));
+    const FailedTile not_cut = {.tile = planned.tile, .kind = kCutKind, .fine = fine};
+    if (std::find(quarantined.begin(), quarantined.end(), not_cut) == quarantined.end())
+      reads.push_back(std::move(of_tile));
+  }
+  return reads;
+}
+
 }  // namespace
 
 StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std::string& work_dir,
@@ -75,25 +94,28 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
   TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> ingest, PlanIngest(settings, scene.files));
   TESSERA_RETURN_IF_ERROR(run(ingest));
   TESSERA_ASSIGN_OR_RETURN(const std::string survey, ReadFile(tasks.back().output_dir + "/" + kSurveyFile));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> tiles, PlanTiles(settings, survey, scene.files));
-  TESSERA_RETURN_IF_ERROR(run(tiles));
-  const auto is_publish = [](const LineTask& task) { return task.planned.kind == kPublishKind; };
-  if (std::any_of(tasks.begin(), tasks.end(), is_publish)) return tasks;
-  std::vector<TileReads> reads;
-  const auto is_cut = [](const LineTask& task) { return task.planned.kind == kCutKind; };
-  const auto cuts = static_cast<int>(std::count_if(tasks.begin(), tasks.end(), is_cut));
-  for (size_t t = 1; t < tasks.size(); ++t) {
-    if (!is_cut(tasks[t])) continue;
-    TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadFile(tasks[t].output_dir + "/" + kReadsFile));
-    TESSERA_ASSIGN_OR_RETURN(TileReads of_tile, ParseTileReads(json, tasks[t].planned.tile, cuts));
-    const FailedTile not_cut = {tasks[t].planned.tile, kCutKind};
-    if (std::find(quarantined.begin(), quarantined.end(), not_cut) == quarantined.end())
-      reads.push_back(std::move(of_tile));
+  std::optional<FinePart> fine;
+  const auto planned = [&] { return tasks.back().planned.kind.str(); };
+  while (true) {
+    const FinePart* const part = fine ? &*fine : nullptr;
+    const size_t first = tasks.size();
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> tiles,
+                             PlanTiles(settings, survey, scene.files, nullptr, part));
+    TESSERA_RETURN_IF_ERROR(run(tiles));
+    if (planned() == kCutKind) {
+      TESSERA_ASSIGN_OR_RETURN(const std::vector<TileReads> reads,
+                               ReadsOf(tasks, first, quarantined, fine.has_value()));
+      TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> steps,
+                               PlanSteps(settings, survey, scene.files, reads, nullptr, quarantined, part));
+      TESSERA_RETURN_IF_ERROR(run(steps));
+    }
+    if (planned() != kSplitKind) return tasks;
+    fine = FinePart{"", TaskId(static_cast<int>(tasks.size()) - 1), static_cast<int>(tasks.size())};
+    TESSERA_ASSIGN_OR_RETURN(fine->survey, ReadFile(tasks.back().output_dir + "/" + kSurveyFile));
+    for (const FailedTile& tile : quarantined) {
+      if (!tile.fine) fine->left_out.push_back(tile.tile);
+    }
   }
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> steps,
-                           PlanSteps(settings, survey, scene.files, reads, nullptr, quarantined));
-  TESSERA_RETURN_IF_ERROR(run(steps));
-  return tasks;
 }
 
 }  // namespace tessera

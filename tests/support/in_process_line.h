@@ -19,10 +19,17 @@ struct LineTask {
   TaskOutcome outcome;
 };
 
-// The task that made the survey and the city.
+// The task that made the first survey and city.
 inline const LineTask& IngestOf(const std::vector<LineTask>& tasks) {
   return *std::find_if(tasks.begin(), tasks.end(),
                        [](const LineTask& task) { return task.planned.kind == kIngestKind; });
+}
+
+// The task that made the city which publish read: it splits faces again, or is the first.
+inline const LineTask& CityTaskOf(const std::vector<LineTask>& tasks) {
+  const auto split = std::find_if(tasks.begin(), tasks.end(),
+                                  [](const LineTask& task) { return task.planned.kind == kSplitKind; });
+  return split == tasks.end() ? IngestOf(tasks) : *split;
 }
 
 // Runs `request` instead of RunTask; empty: RunTask.

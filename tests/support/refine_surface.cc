@@ -80,7 +80,8 @@ StatusOr<SurfaceRefinement> RefineSurface(const SurfaceProblem& problem, const T
     }
   }
   SurfaceRefinement out;
-  TESSERA_ASSIGN_OR_RETURN(out.tile, RefineTile(work, images, TileStepsOf(steps), options, control, clock));
+  TESSERA_ASSIGN_OR_RETURN(out.tile, RefineTile(work, images, TileStepsOf(steps), options, /*start=*/nullptr,
+                                                /*to_end=*/true, control, clock));
   out.vertices = out.tile.state.positions;
   out.pairs = static_cast<int>(pairs.size());
   return out;

@@ -12,6 +12,7 @@
 #include "common/geometry/mesh_defects.h"
 #include "common/geometry/repair.h"
 #include "common/imaging/camera.h"
+#include "common/job/survey.h"
 #include "common/scene/scene.h"
 #include "common/storage/mapped_file.h"
 #include "worker/refine/density.h"
@@ -22,8 +23,9 @@ namespace tessera {
 struct DiskMesh {
   ScratchArray<Eigen::Vector3d> vertices;
   ScratchArray<Triangle> faces;
-  ScratchArray<int32_t> labels;       // one per face, or empty
-  ScratchArray<uint32_t> input_face;  // face of the scene's file, one per face; empty: itself
+  ScratchArray<Eigen::Vector3d> starts;  // one per vertex: where it was before it moved; or empty
+  ScratchArray<int32_t> labels;          // one per face, or empty
+  ScratchArray<uint32_t> input_face;     // face of the scene's file, one per face; empty: itself
   bool float_positions = false;       // the scene's file stores floats
   double largest_coordinate_m = 0;    // in the scene's frame
 
@@ -60,9 +62,15 @@ struct DiskPassOptions {
 StatusOr<DiskMesh> RepairOnDisk(DiskMesh mesh, const std::string& scratch_folder, const DiskPassOptions& options,
                                 const RepairOptions& repair, MeshDefects* defects);
 
-// SplitLargeFaces on disk: same faces, vertices and order, for any chunk size.
+// SplitLargeFaces on disk: same faces, vertices and order, for any chunk size. A new vertex starts half-way between the
+// starts of the ends of its edge.
 StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& cameras, const DensityOptions& density,
                                const std::string& scratch_folder, const DiskPassOptions& options,
                                const std::function<Status(double)>& progress);
+
+// Sets SurveyCell::fine_faces to the number of faces that SplitLargeFaces makes of the cell's faces. `cells`: CellsOf
+// the mesh.
+void CountSplitFaces(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, const DensityOptions& density,
+                     const DiskPassOptions& options, const GroundPlane& ground, std::vector<SurveyCell>* cells);
 
 }  // namespace tessera

@@ -218,10 +218,13 @@ class Reviser {
       return ids_[a] == kNone || ids_[b] == kNone ? middle_of_.end() : middle_of_.find(EdgeOf(ids_[a], ids_[b]));
     };
     for (const uint32_t f : new_faces_) input_face_.push_back(FileFace(now_, f));
-    for (int round = std::exchange(density.max_rounds, 1); round > 0; --round) {
+    // Kept faces may have been split twice: their edges may be halved more often than those that the cameras decide.
+    const int decided_rounds = std::exchange(density.max_rounds, 1);
+    for (int round = 0;; ++round) {
       SplitMesh split = SplitLargeFaces(part_, on_part, density, [&](uint32_t a, uint32_t b) {
         const auto known = middle_of(a, b);
-        return known == middle_of_.end() ? std::optional<bool>() : std::optional<bool>(known->second != kNone);
+        if (known != middle_of_.end()) return std::optional<bool>(known->second != kNone);
+        return round < decided_rounds ? std::optional<bool>() : std::optional<bool>(false);
       });
       if (split.halved_edges.empty()) break;
       for (const auto& [a, b] : split.halved_edges) {

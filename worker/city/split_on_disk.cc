@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <numeric>
 #include <utility>
 
@@ -71,14 +72,15 @@ std::vector<double> PredictParts(const TriangleMesh& mesh, const std::vector<Pos
 
 class Splitter {
  public:
-  static StatusOr<Splitter> Create(const MeshSpans& mesh, const std::string& scratch_folder) {
+  static StatusOr<Splitter> Create(const DiskMesh& mesh, const std::string& scratch_folder) {
     TESSERA_ASSIGN_OR_RETURN(auto ids, ScratchList<uint32_t>::Create(scratch_folder));
     TESSERA_ASSIGN_OR_RETURN(auto edges, ScratchList<Edge>::Create(scratch_folder));
     TESSERA_ASSIGN_OR_RETURN(auto middles, ScratchList<Eigen::Vector3d>::Create(scratch_folder));
+    TESSERA_ASSIGN_OR_RETURN(auto middle_starts, ScratchList<Eigen::Vector3d>::Create(scratch_folder));
     TESSERA_ASSIGN_OR_RETURN(auto faces, ScratchList<Triangle>::Create(scratch_folder));
     TESSERA_ASSIGN_OR_RETURN(auto parents, ScratchList<uint32_t>::Create(scratch_folder));
-    return Splitter(mesh, scratch_folder, std::move(ids), std::move(edges), std::move(middles), std::move(faces),
-                    std::move(parents));
+    return Splitter(mesh, scratch_folder, std::move(ids), std::move(edges), std::move(middles),
+                    std::move(middle_starts), std::move(faces), std::move(parents));
   }
 
   // Splits the faces from `begin` on, given as mesh `part`.
@@ -98,6 +100,7 @@ class Splitter {
       edges_.Append(split.halved_edges[i]);
       middles_.Append(split.mesh.vertices[vertex_ids.size() + i]);
     }
+    AppendStarts(vertex_ids, split.halved_edges);
     faces_.Append(std::span<const Triangle>(split.mesh.faces));
     for (const uint32_t parent : split.parent_face) parents_.Append(static_cast<uint32_t>(begin + parent));
     chunk.face_end = faces_.size();
@@ -108,12 +111,16 @@ class Splitter {
   // Assigns global ids to the new vertices in the order in which SplitLargeFaces creates them: by round, then by the
   // ids of the edge's ends. Two chunks that split a shared edge produce equal keys, which merge into one vertex.
   // Within a chunk the order is already right, since local indices ascend with the ids.
-  StatusOr<DiskMesh> Assemble(const DiskMesh& mesh) {
+  StatusOr<DiskMesh> Assemble() {
+    const DiskMesh& mesh = mesh_;
     TESSERA_ASSIGN_OR_RETURN(auto ids, ids_.Finish());
     TESSERA_ASSIGN_OR_RETURN(const auto edges, edges_.Finish());
     TESSERA_ASSIGN_OR_RETURN(const auto middles, middles_.Finish());
+    TESSERA_ASSIGN_OR_RETURN(const auto middle_starts, middle_starts_.Finish());
     TESSERA_ASSIGN_OR_RETURN(auto vertices, ScratchList<Eigen::Vector3d>::Create(scratch_folder_));
-    vertices.Append(mesh_.vertices);
+    TESSERA_ASSIGN_OR_RETURN(auto starts, ScratchList<Eigen::Vector3d>::Create(scratch_folder_));
+    vertices.Append(mesh.vertices.values());
+    starts.Append(mesh.starts.values());
     size_t rounds = 0;
     for (const Chunk& chunk : chunks_) rounds = std::max(rounds, chunk.round_ends.size());
     for (size_t round = 0; round < rounds; ++round) {
@@ -141,6 +148,7 @@ class Splitter {
             return absl::ResourceExhaustedError(
                 "splitting large faces: more than 2^32 - 2 vertices; use a smaller scene or a coarser GSD");
           vertices.Append(middles[chunk.edge_begin + at]);
+          if (mesh.starts.size() > 0) starts.Append(middle_starts[chunk.edge_begin + at]);
         }
         any = true;
         last = merge.key();
@@ -151,6 +159,7 @@ class Splitter {
     out.float_positions = mesh.float_positions;
     out.largest_coordinate_m = mesh.largest_coordinate_m;
     TESSERA_ASSIGN_OR_RETURN(out.vertices, vertices.Finish());
+    TESSERA_ASSIGN_OR_RETURN(out.starts, starts.Finish());
     TESSERA_ASSIGN_OR_RETURN(out.faces, faces_.Finish());
     TESSERA_ASSIGN_OR_RETURN(out.input_face, parents_.Finish());
     if (out.faces.size() > UINT32_MAX)
@@ -174,33 +183,63 @@ class Splitter {
 
  private:
   using Edge = std::array<uint32_t, 2>;
-  Splitter(const MeshSpans& mesh, std::string scratch_folder, ScratchList<uint32_t> ids, ScratchList<Edge> edges,
-           ScratchList<Eigen::Vector3d> middles, ScratchList<Triangle> faces, ScratchList<uint32_t> parents)
+  Splitter(const DiskMesh& mesh, std::string scratch_folder, ScratchList<uint32_t> ids, ScratchList<Edge> edges,
+           ScratchList<Eigen::Vector3d> middles, ScratchList<Eigen::Vector3d> middle_starts,
+           ScratchList<Triangle> faces, ScratchList<uint32_t> parents)
       : mesh_(mesh),
         scratch_folder_(std::move(scratch_folder)),
         ids_(std::move(ids)),
         edges_(std::move(edges)),
         middles_(std::move(middles)),
+        middle_starts_(std::move(middle_starts)),
         faces_(std::move(faces)),
         parents_(std::move(parents)) {}
 
-  MeshSpans mesh_;
+  // Starts of a chunk's new vertices.
+  void AppendStarts(const std::vector<uint32_t>& vertex_ids, const std::vector<Edge>& halved_edges) {
+    if (mesh_.starts.size() == 0) return;
+    std::vector<Eigen::Vector3d> starts;
+    starts.reserve(vertex_ids.size() + halved_edges.size());
+    for (const uint32_t id : vertex_ids) starts.push_back(mesh_.starts[id]);
+    for (const auto& [a, b] : halved_edges) {
+      const Eigen::Vector3d middle = 0.5 * (starts[a] + starts[b]);
+      starts.push_back(middle);
+      middle_starts_.Append(middle);
+    }
+  }
+
+  const DiskMesh& mesh_;
   std::string scratch_folder_;
   std::vector<Chunk> chunks_;
   ScratchList<uint32_t> ids_;             // global ids of the chunks' vertices
   ScratchList<Edge> edges_;               // in the chunk's local indices
-  ScratchList<Eigen::Vector3d> middles_;  // midpoints of the edges
+  ScratchList<Eigen::Vector3d> middles_, middle_starts_;  // midpoints of the edges; of their starts
   ScratchList<Triangle> faces_;           // in the chunk's local indices
   ScratchList<uint32_t> parents_;         // face of the mesh from which each face was split
 };
 
 }  // namespace
 
+void CountSplitFaces(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, const DensityOptions& density,
+                     const DiskPassOptions& options, const GroundPlane& ground, std::vector<SurveyCell>* cells) {
+  std::map<std::pair<int, int>, int64_t> counts;
+  for (size_t begin = 0; begin < mesh.faces.size(); begin += options.faces_per_chunk) {
+    const size_t end = std::min(begin + options.faces_per_chunk, mesh.faces.size());
+    const Submesh part = Extract(mesh, begin, end);
+    const SplitMesh split = SplitLargeFaces(part.mesh, CamerasOn(part.mesh, cameras), density);
+    for (const uint32_t parent : split.parent_face) {
+      const Eigen::Vector2i at = ground.Cell(mesh.Centroid(begin + parent));
+      ++counts[{at.x(), at.y()}];
+    }
+  }
+  for (SurveyCell& cell : *cells) cell.fine_faces = counts[{cell.x, cell.y}];
+}
+
 StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& cameras, const DensityOptions& density,
                                const std::string& scratch_folder, const DiskPassOptions& options,
                                const std::function<Status(double)>& progress) {
   const MeshSpans spans = mesh.spans();
-  TESSERA_ASSIGN_OR_RETURN(Splitter splitter, Splitter::Create(spans, scratch_folder));
+  TESSERA_ASSIGN_OR_RETURN(Splitter splitter, Splitter::Create(mesh, scratch_folder));
   for (size_t begin = 0; begin < spans.faces.size(); begin += options.faces_per_chunk) {
     TESSERA_RETURN_IF_ERROR(progress(static_cast<double>(begin) / static_cast<double>(spans.faces.size())));
     const size_t end = std::min(begin + options.faces_per_chunk, spans.faces.size());
@@ -221,7 +260,7 @@ StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& ca
     splitter.SplitChunk(from, from == begin ? std::move(part) : Extract(spans, from, end), on_part, density);
   }
   if (splitter.new_vertices() == 0) return mesh;
-  return splitter.Assemble(mesh);
+  return splitter.Assemble();
 }
 
 }  // namespace tessera

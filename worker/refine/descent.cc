@@ -138,6 +138,11 @@ Vector3d MotionGuard::Braked(size_t v, const Vector3d& at, const Vector3d& step)
   if (std::max(per_normal, per_tangent) * ((at - start_[v]).norm() + step.norm()) <= limits_.free_share) return step;
   const Vector3d from = InBall(v, at - start_[v]), move = InBall(v, step);
   const double before = std::max(from.norm(), limits_.free_share), after = (from + move).norm();
+  // A vertex of the second split may begin outside its own ellipsoid, but no farther from its start than one of the two
+  // vertices that it lies between. It may go inside, or nearer to its start.
+  if (before > 1 && after > 1 && (at + step - start_[v]).squaredNorm() > (at - start_[v]).squaredNorm()) {
+    return Vector3d::Zero();
+  }
   // A step may use at most half of the remaining distance to the ellipsoid's surface.
   const double most = before + std::max(0.0, 0.5 * (1 - before));
   if (after <= before || after <= most) return step;

@@ -30,9 +30,9 @@ struct MotionLimits {
 };
 
 // Upper bound of a vertex's distance from its start after any number of steps that a MotionGuard passed, whole or in
-// part. Proof: the ellipsoid is centred at the start. Braked() and RepairedStart() end inside it; LimitFolding()
-// shortens or damps steps; ComputeStep() rounds to the grid only inside it; SurfaceRepair interpolates between two
-// positions inside it, and an ellipsoid is convex. The semi-axes are enlarged by a millionth for float rounding.
+// part. Proof: Braked() (see there for vertices of the second split) and RepairedStart() end inside the ellipsoid around
+// the start; LimitFolding() shortens or damps steps; ComputeStep() rounds to the grid only inside it; SurfaceRepair
+// interpolates between two positions inside it, and an ellipsoid is convex. Its axes are longer by 1e-6, for rounding.
 double MotionBound_m(const MotionLimits& limits);
 
 // Element-wise union of vertex flags. Empty: no flags.

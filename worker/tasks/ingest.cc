@@ -27,6 +27,7 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kCoverageClusters = 1 << 18;
+constexpr double kCoarseFootprint_px2 = 64;  // of faces that are split again before the finest level
 constexpr size_t kReportedImages = 20;  // the worst ones, in the report
 constexpr int kMinPairSamples = 4000, kPairSamplesPerView = 100, kMaxPairSamples = 100000;
 
@@ -186,8 +187,10 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
 
+  DensityOptions density;
+  if (parameters.coarse_faces) density.max_footprint_px2 = kCoarseFootprint_px2;
   TESSERA_ASSIGN_OR_RETURN(
-      mesh, SplitOnDisk(std::move(mesh), cameras, DensityOptions(), scratch, DiskPassOptions(), [&](double fraction) {
+      mesh, SplitOnDisk(std::move(mesh), cameras, density, scratch, DiskPassOptions(), [&](double fraction) {
         control.Report(0.5 + 0.1 * fraction, "splitting faces");
         return control.Check();
       }));
@@ -215,6 +218,12 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   survey.faces = static_cast<int64_t>(mesh.faces.size());
   control.Report(0.6, "writing the city");
   survey.cells = CellsOf(mesh.spans(), survey.ground);
+  if (parameters.coarse_faces) {
+    // Halved edges of these faces are short enough.
+    DensityOptions once;
+    once.max_rounds = 1;
+    CountSplitFaces(mesh.spans(), cameras, once, DiskPassOptions(), survey.ground, &survey.cells);
+  }
   const std::string city_path = OutputPath(request, kCityFile);
   TESSERA_RETURN_IF_ERROR(
       WriteCity(city_path, {mesh.spans(), mesh.input_face.values()}, survey.ground, survey.cells, scratch));

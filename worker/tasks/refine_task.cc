@@ -3,6 +3,7 @@
 #include "common/job/task_parameters.h"
 #include "worker/tasks/step_task.h"
 #include "worker/tasks/task_functions.h"
+#include "worker/tile/kept/kept_files.h"
 #include "worker/tile/methods.h"
 #include "worker/tile/refine_tile.h"
 #include "worker/tile/tile_files.h"
@@ -17,10 +18,16 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
   TileWorkspace work(std::move(package));
   TESSERA_ASSIGN_OR_RETURN(const TileRefineOptions options, MethodOptions(parameters, work.package()));
   TESSERA_ASSIGN_OR_RETURN(TileImages* const images, work.Images(InputPath(request, kViewsFile), options));
+  std::shared_ptr<const MappedState> start;
+  if (parameters.part == JobPart::kFine) {
+    TESSERA_ASSIGN_OR_RETURN(start,
+                             OpenState(InputPath(request, TileInputName(work.package().tile, kStateFile))));
+  }
   const double seconds_loading = SecondsSince(clock, start_us);
-  TESSERA_ASSIGN_OR_RETURN(
-      const TileRefinement refinement,
-      RefineTile(work, *images, ActiveTileSteps(parameters, work.package()), options, PartOf(control, 0, 0.99), clock));
+  TESSERA_ASSIGN_OR_RETURN(const TileRefinement refinement,
+                           RefineTile(work, *images, ActiveTileSteps(parameters, work.package()), options,
+                                      start.get(), parameters.part != JobPart::kCoarse, PartOf(control, 0, 0.99),
+                                      clock));
   TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), refinement.state));
 
   TaskOutcome outcome;

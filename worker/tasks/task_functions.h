@@ -38,7 +38,7 @@ StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& cont
 // Package and images → the pixels that show the tile.
 StatusOr<TaskOutcome> RunCrop(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and pixels of the job's only tile → its state after all steps.
+// Package, pixels and, in the fine part, the start of the job's only tile → its state after all steps of the part.
 StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
 // Package, pixels and states of the visible tiles → sums of the data term per face of the core, for one step.
@@ -50,7 +50,12 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
 // Package and states within the dependency radius → the core's state after the repair.
 StatusOr<TaskOutcome> RunRepair(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// City and survey → the core's start as its state, for a tile whose refinement failed.
+// City, survey and the states after the coarse levels → the city whose large faces are split again, its survey, and the
+// moved surface.
+StatusOr<TaskOutcome> RunSplit(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
+// City and survey → the core's start as its state, for a tile whose refinement failed. With the moved surface → the
+// core's state after the coarse levels.
 StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
 // City, survey, states of the base job and new images → change raster of a block of ground.

@@ -86,10 +86,14 @@ std::vector<TileStep> TileStepsOf(const std::vector<RefineStep>& steps) {
 }
 
 std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package) {
-  const std::vector<TileStep> all =
-      TileStepsOf(RefineStepsOf(parameters.method, parameters.rounds, parameters.settings));
+  const std::vector<RefineStep> steps = RefineStepsOf(parameters.method, parameters.rounds, parameters.settings);
+  const int first_fine =
+      FirstFineStep(steps, MethodRulesOf(parameters.method, parameters.rounds, parameters.settings));
+  const std::vector<TileStep> all = TileStepsOf(steps);
   std::vector<TileStep> active;
-  for (const int s : ActiveOf(parameters, package)) active.push_back(all[s]);
+  for (const int s : ActiveOf(parameters, package)) {
+    if (IsStepOf(parameters.part, s, first_fine)) active.push_back(all[s]);
+  }
   return active;
 }
 

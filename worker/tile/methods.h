@@ -54,7 +54,8 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
 // The same for a tile's package, including its statistics of class borders.
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const TilePackage& package);
 
-// The active steps of a job for this package (ActiveSteps). Settings must pass CheckMethod.
+// The active steps of a job for this package (ActiveSteps) that belong to `parameters.part`. Settings must pass
+// CheckMethod.
 std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package);
 
 // Whether `step` (index in RefineStepsOf) is the last active step of a job that moves vertices.

@@ -26,9 +26,12 @@ std::string StepText(const TileStep& at) {
 }  // namespace
 
 StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, const std::vector<TileStep>& steps,
-                                    const TileRefineOptions& options, const TaskControl& control, const Clock& clock) {
+                                    const TileRefineOptions& options, const MappedState* start, bool to_end,
+                                    const TaskControl& control, const Clock& clock) {
   if (!work.whole()) return absl::InvalidArgumentError("refine: the package is not that of a job's only tile");
-  TESSERA_ASSIGN_OR_RETURN(TileSnapshot snapshot, work.Assemble({}, 0));
+  std::vector<StateSpans> states;
+  if (start != nullptr) states.push_back(start->spans());
+  TESSERA_ASSIGN_OR_RETURN(TileSnapshot snapshot, work.Assemble(states, kCoreRegion));
   TileRefinement out;
   const auto repair = [&](RepairStage stage) -> Status {
     const int64_t start_us = clock.MonotonicUs();
@@ -39,7 +42,7 @@ StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, con
   };
   double done = 0, total = 0;
   for (const TileStep& at : steps) total += ProgressShare(at);
-  bool unfolded = false;
+  bool unfolded = start != nullptr;
   StepSums sums;
   for (const TileStep& at : steps) {
     TESSERA_RETURN_IF_ERROR(control.Check());
@@ -70,7 +73,7 @@ StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, con
     out.seconds_step += SecondsSince(clock, start_us) - measured_s;
     if (at.step.ends_level) TESSERA_RETURN_IF_ERROR(repair(RepairStage::kLevel));
   }
-  if (work.package().has_pairs && std::any_of(steps.begin(), steps.end(), [](auto& at) { return !at.labels(); })) {
+  if (to_end && work.package().has_pairs && std::any_of(steps.begin(), steps.end(), [](auto& at) { return !at.labels(); })) {
     work.EndIterations();
     images.data_term.ReleaseBuffers();
     TESSERA_ASSIGN_OR_RETURN(const TileFit fit, CompareFit(work, images, snapshot.positions, PartOf(control, 1, 1)));

@@ -20,9 +20,12 @@ struct TileRefinement {
          seconds_labels = 0;
 };
 
-// Measure, Solve and Repair over `steps`, the active steps of the job (ActiveTileSteps). Gives the same bytes as the
-// tasks of several tiles. INVALID_ARGUMENT unless work.whole(). CANCELLED follows `control`.
+// Measure, Solve and Repair over `steps`, active steps of the job (ActiveTileSteps). Gives the same bytes as the tasks
+// of several tiles. `start`: the repaired state before these steps; null: the package's mesh. `to_end`: the job's last
+// step is among them, after which the fit is measured. INVALID_ARGUMENT unless work.whole(). CANCELLED follows
+// `control`.
 StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, const std::vector<TileStep>& steps,
-                                    const TileRefineOptions& options, const TaskControl& control, const Clock& clock);
+                                    const TileRefineOptions& options, const MappedState* start, bool to_end,
+                                    const TaskControl& control, const Clock& clock);
 
 }  // namespace tessera

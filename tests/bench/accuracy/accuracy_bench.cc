@@ -130,7 +130,6 @@ StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, co
 
   const std::string work = absl::StrCat(arguments.out, "/results/", table.scene);
   SceneRunner runner(scene.folder, work, scene.frame);
-  std::unique_ptr<FoldCounter> folds;
   for (const Variant& variant : variants) {
     // What does not ask for likelihoods is the same on all rungs.
     if (!arguments.rungs.empty() && variant.settings.method != "baseline") continue;
@@ -138,13 +137,10 @@ StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, co
     TESSERA_RETURN_IF_ERROR(add(variant.name, result.mesh));
     table.rows.back().cpu_s = result.all_cpu_s();
     if (arguments.no_folds) continue;
-    if (folds == nullptr) {
-      TESSERA_ASSIGN_OR_RETURN(const City city, runner.Start());
-      TESSERA_ASSIGN_OR_RETURN(FoldCounter counter, FoldCounter::Create(city.mesh));
-      folds = std::make_unique<FoldCounter>(std::move(counter));
-      TESSERA_ASSIGN_OR_RETURN(table.rows[0].folds, folds->Count(city.mesh));
-    }
-    TESSERA_ASSIGN_OR_RETURN(table.rows.back().folds, folds->Count(result.mesh));
+    TESSERA_ASSIGN_OR_RETURN(const City city, runner.Start());
+    TESSERA_ASSIGN_OR_RETURN(FoldCounter folds, FoldCounter::Create(city.mesh));
+    TESSERA_ASSIGN_OR_RETURN(table.rows[0].folds, folds.Count(city.mesh));
+    TESSERA_ASSIGN_OR_RETURN(table.rows.back().folds, folds.Count(result.mesh));
   }
   for (size_t r = 0; r < arguments.rungs.size(); ++r) {
     const std::string rung = absl::StrCat(arguments.out, "/rungs/", table.scene, "/", r);

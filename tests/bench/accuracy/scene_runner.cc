@@ -34,13 +34,15 @@ StatusOr<SceneRunner::Result> SceneRunner::Run(const std::string& name, const Jo
   TESSERA_ASSIGN_OR_RETURN(const std::vector<LineTask> tasks, RunLine(scene_folder_, folder, settings, runner));
   const std::string mesh_path = absl::StrCat(work_folder_, "/", name, ".ply");
   fs::rename(fs::path(tasks.back().output_dir) / kMeshFile, mesh_path);
+  fs::copy_file(fs::path(CityTaskOf(tasks).output_dir) / kCityFile, fs::path(work_folder_) / kCityFile,
+                fs::copy_options::overwrite_existing);
   for (const LineTask& task : tasks) result.tasks.push_back(task.planned);
   TESSERA_ASSIGN_OR_RETURN(result.mesh, ReadLocalMesh(mesh_path, frame_));
   TESSERA_RETURN_IF_ERROR(RemoveTree(folder));
   return result;
 }
 
-StatusOr<City> SceneRunner::Start() const { return ReadCity(absl::StrCat(ingested_, "/", kCityFile)); }
+StatusOr<City> SceneRunner::Start() const { return ReadCity(absl::StrCat(work_folder_, "/", kCityFile)); }
 
 StatusOr<Survey> SceneRunner::IngestedSurvey() const {
   TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadFile(absl::StrCat(ingested_, "/", kSurveyFile)));
@@ -48,8 +50,12 @@ StatusOr<Survey> SceneRunner::IngestedSurvey() const {
 }
 
 StatusOr<TaskOutcome> SceneRunner::RunShared(const TaskRequest& request, std::map<std::string, double>* cpu_s) {
-  const bool shareable = request.kind == "ingest" || request.kind == "cut";
-  // A cut reads what the last ingest made.
+  // A cut reads what the last ingest made, or the city after the second split, which differs between runs.
+  const auto reads_ingested = [&] {
+    const fs::path city = fs::path(ingested_) / kCityFile;
+    return fs::exists(city) && fs::equivalent(fs::path(request.input_dir) / kCityFile, city);
+  };
+  const bool shareable = request.kind == "ingest" || (request.kind == "cut" && reads_ingested());
   const std::string key = absl::StrCat(request.kind, request.kind == "cut" ? ingested_ : "", request.parameters);
   auto known = shared_.find(key);
   if (!shareable || known == shared_.end()) {
@@ -72,7 +78,7 @@ StatusOr<TaskOutcome> SceneRunner::RunShared(const TaskRequest& request, std::ma
   for (const std::string& name : known->second.outcome.outputs) {
     fs::create_symlink(fs::absolute(fs::path(known->second.folder) / name), fs::path(request.output_dir) / name);
   }
-  if (request.kind == "ingest") ingested_ = known->second.folder;
+  if (request.kind == kIngestKind) ingested_ = known->second.folder;
   return known->second.outcome;
 }
 

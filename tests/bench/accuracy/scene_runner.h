@@ -36,7 +36,7 @@ class SceneRunner {
   // Its mesh stays as `name`.ply in the work folder, and nothing else.
   StatusOr<Result> Run(const std::string& name, const JobSettings& settings);
 
-  // The start as all jobs took it: repaired and split. After a Run.
+  // The start with the faces of the last Run's result: repaired and split.
   StatusOr<City> Start() const;
   StatusOr<Survey> IngestedSurvey() const;
 

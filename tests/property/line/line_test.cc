@@ -132,23 +132,26 @@ TEST(Line, ResultIsIndependentOfTheTilingAndLabelsStayCorrect) {
     const auto tasks = RunLine(folder, folder + "/work" + std::to_string(tiles), {.tiles = tiles});
     ASSERT_TRUE(tasks.ok()) << tasks.status();
     const std::string path = tasks->back().output_dir + "/" + kMeshFile;
-    const auto city = ReadCity(IngestOf(*tasks).output_dir + "/" + kCityFile);
+    const auto city = ReadCity(CityTaskOf(*tasks).output_dir + "/" + kCityFile);
     const auto result = ReadPly(path);
     ASSERT_TRUE(city.ok() && result.ok());
     EXPECT_EQ(result->mesh.faces.size(), city->mesh.faces.size());
     if (tiles == 1) {
       untiled = ReadText(path);
-      // The start is the ground truth.
-      int64_t wrong = 0;
-      const size_t faces = result->mesh.faces.size();
-      for (size_t f = 0; f < faces; ++f) wrong += result->mesh.labels[f] != city->mesh.labels[f];
-      EXPECT_LT(wrong, static_cast<int64_t>(faces / 25));
+      // The start is the ground truth. Faces are smallest where the surface moved, so they do not count alike.
+      double wrong_m2 = 0, all_m2 = 0;
+      for (size_t f = 0; f < result->mesh.faces.size(); ++f) {
+        const double area_m2 = FaceArea(city->mesh, f);
+        all_m2 += area_m2;
+        if (result->mesh.labels[f] != city->mesh.labels[f]) wrong_m2 += area_m2;
+      }
+      EXPECT_LT(wrong_m2, all_m2 / 20);
     }
     EXPECT_TRUE(ReadText(path) == untiled) << tiles << " tiles";
     const nlohmann::json report = nlohmann::json::parse(ReadText(tasks->back().output_dir + "/" + kReportFile));
     EXPECT_EQ(report.at("tiles").size(), static_cast<size_t>(tiles));
     EXPECT_EQ(report.at("output").at("faces").get<size_t>(), city->mesh.faces.size());
-    EXPECT_EQ(CountTasks(*tasks, "refine"), tiles == 1 ? 1 : 0);
+    EXPECT_EQ(CountTasks(*tasks, "refine"), tiles == 1 ? 2 : 0) << "one of the coarse levels, one of the finest";
     const int64_t steps = static_cast<int64_t>(RefineStepsOf("tessera", 0, {}).size());
     EXPECT_EQ(CountTasks(*tasks, "measure"), tiles == 1 ? 0 : steps * tiles);
     EXPECT_EQ(CountTasks(*tasks, "solve"), CountTasks(*tasks, "measure"));
@@ -166,7 +169,7 @@ TEST(Line, FacesDifferFromTheCityOnlyByFlippedEdges) {
     if (!flips) settings.method_settings.flip_edges = false;
     const auto tasks = RunLine(folder, folder + (flips ? "/flipped" : "/plain"), settings);
     ASSERT_TRUE(tasks.ok()) << tasks.status();
-    const auto city = ReadCity(IngestOf(*tasks).output_dir + "/" + kCityFile);
+    const auto city = ReadCity(CityTaskOf(*tasks).output_dir + "/" + kCityFile);
     const auto result = ReadPly(tasks->back().output_dir + "/" + kMeshFile);
     ASSERT_TRUE(city.ok() && result.ok());
     cities.push_back(city->mesh);
@@ -276,7 +279,7 @@ TEST(Line, LabelsArePreservedWithoutLikelihoods) {
   WriteTinyScene(folder, options);
   const auto tasks = RunLine(folder, folder + "/work", {.tiles = 3});
   ASSERT_TRUE(tasks.ok()) << tasks.status();
-  const auto city = ReadCity(IngestOf(*tasks).output_dir + "/" + kCityFile);
+  const auto city = ReadCity(CityTaskOf(*tasks).output_dir + "/" + kCityFile);
   const auto result = ReadPly(tasks->back().output_dir + "/" + kMeshFile);
   ASSERT_TRUE(city.ok() && result.ok());
   EXPECT_EQ(result->mesh.labels, city->mesh.labels);
@@ -298,8 +301,8 @@ std::string RunMethod(const std::string& folder, const std::string& method) {
   settings.tiles = 2;
   settings.rounds = 2;
   settings.method = method;
-  settings.method_settings.levels = {1, 0};
-  settings.method_settings.iterations = {2, 2};
+  settings.method_settings.levels = {0};  // more would split the faces of `tessera` again
+  settings.method_settings.iterations = {4};
   settings.method_settings.flip_edges = true;  // not the default of every method
   const auto tasks = RunLine(folder, folder + "/" + method, settings);
   EXPECT_TRUE(tasks.ok()) << tasks.status();
@@ -457,6 +460,7 @@ TEST(Line, InspectedImagesGiveTheSameSurvey) {
     WriteTinyScene(scene, {.tower = true});
     std::filesystem::remove(scene + "/colmap/points3D.txt");  // which jobs do not read
     IngestParameters parameters;
+    parameters.coarse_faces = true;  // as the default method
     if (!classifier.empty()) {
       parameters.classify = parameters.by_default_rule = true;
       std::filesystem::remove_all(scene + "/likelihoods");

@@ -43,8 +43,8 @@ TEST(RefineSteps, IterationsAlternateTheDirections) {
     }
     return text;
   };
-  EXPECT_EQ(directions("tessera"), "LfrfrfrfrfrfrfrfrfrfrfrLfrfrfL");
-  EXPECT_EQ(directions("paper"), "L" + std::string(22, 'b') + "L" + std::string(10, 'b') + "L");
+  EXPECT_EQ(directions("tessera"), "LfrfrfrfrfrfrfrfrfrfrLfrfrL");
+  EXPECT_EQ(directions("paper"), "L" + std::string(20, 'b') + "L" + std::string(8, 'b') + "L");
   settings.iterations = {1, 1, 1};
   EXPECT_EQ(directions("tessera"), "LfrfLrL") << "levels and rounds of one iteration";
 }
@@ -72,6 +72,26 @@ TEST(RefineSteps, SettingsOverrideTheMethodsRules) {
   EXPECT_FALSE(MethodRulesOf("tessera", 0, other).labels_first);
   other.labels_first = true;
   EXPECT_TRUE(MethodRulesOf("baseline", 0, other).labels_first);
+}
+
+TEST(RefineSteps, FinePartBeginsAtTheLastLevelOfTheFirstRound) {
+  const auto first = [](const std::string& method, const std::vector<int>& levels) {
+    MethodSettings settings;
+    settings.levels = levels;
+    settings.iterations.assign(levels.size(), 2);
+    return FirstFineStep(RefineStepsOf(method, 3, settings), MethodRulesOf(method, 3, settings));
+  };
+  EXPECT_EQ(first("tessera", {2, 1, 0}), 1 + 2 + 2);
+  EXPECT_EQ(first("", {2, 1}), 1 + 2);
+  EXPECT_EQ(first("tessera", {0}), 0) << "there are no coarse levels";
+  EXPECT_EQ(first("baseline", {2, 1, 0}), 0);
+  EXPECT_EQ(first("paper", {2, 1, 0}), 0);
+  EXPECT_EQ(FirstFineStep(RefineStepsOf("labels", 0, {}), MethodRulesOf("labels", 0, {})), 0);
+  for (int step = 0; step < 9; ++step) {
+    EXPECT_TRUE(IsStepOf(JobPart::kWhole, step, 5));
+    EXPECT_EQ(IsStepOf(JobPart::kCoarse, step, 5), step < 5);
+    EXPECT_EQ(IsStepOf(JobPart::kFine, step, 5), step >= 5);
+  }
 }
 
 TEST(RefineSteps, LabelsMethodHasOneStep) {

@@ -11,7 +11,7 @@ Survey SmallSurvey(const Crs& crs) {
   Survey s;
   s.gsd_m = 0.1;
   s.ground = MakeGroundPlane(s.up, 2);
-  s.cells = {{0, 0, 1, 0, {0, 0, 0}, {1, 1, 1}, {}}};
+  s.cells = {{0, 0, 1, 0, 0, {0, 0, 0}, {1, 1, 1}, {}}};
   s.classes.resize(1);
   s.borders = BorderTrusts(1);
   s.crs = crs;

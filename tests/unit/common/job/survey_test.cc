@@ -14,7 +14,7 @@ Survey MakeSurvey() {
   s.scene_name = "a \"quoted\" name";
   s.gsd_m = 0.1 / 3;
   s.ground = MakeGroundPlane(s.up, 2);
-  s.cells = {{-1, 2, 17, 0.3, {1, 2, 3}, {4, 5, 6}, {0}}, {0, 2, 1, 0, {0, 0, 0}, {1, 1, 1}, {}}};
+  s.cells = {{-1, 2, 17, 40, 0.3, {1, 2, 3}, {4, 5, 6}, {0}}, {0, 2, 1, 0, 0, {0, 0, 0}, {1, 1, 1}, {}}};
   s.views.resize(1);
   s.views[0].name = "a.jpg";
   s.views[0].image_path = "images/a.jpg";

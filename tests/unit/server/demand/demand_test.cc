@@ -25,13 +25,15 @@ class SizedPlanner : public FakePlanner {
  public:
   SizedPlanner() { exchange = true; }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>& files, const UpdateBase* base) override {
-    return Sized(FakePlanner::Tiles(settings, survey, files, base));
+                                           const std::vector<std::string>& files, const UpdateBase* base,
+                                           const FinePart* fine) override {
+    return Sized(FakePlanner::Tiles(settings, survey, files, base, fine));
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>& files, const std::vector<TileReads>& reads,
-                                           const UpdateBase* base, const std::vector<FailedTile>& without) override {
-    return Sized(FakePlanner::Steps(settings, survey, files, reads, base, without));
+                                           const UpdateBase* base, const std::vector<FailedTile>& without,
+                                           const FinePart* fine) override {
+    return Sized(FakePlanner::Steps(settings, survey, files, reads, base, without, fine));
   }
 
  private:

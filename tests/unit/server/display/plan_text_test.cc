@@ -48,8 +48,8 @@ TEST(QuoteTest, TotalsAreThoseOfAllTasks) {
   const auto quote = MakeQuote({.tiles = 4}, survey);
   ASSERT_TRUE(quote.ok()) << quote.status();
   ASSERT_EQ(quote->tiles.size(), 4u);
-  double seconds = quote->ingest.core_seconds + quote->publish.core_seconds, faces = 0;
-  int64_t stored = quote->ingest.stored_bytes + quote->publish.stored_bytes;
+  double seconds = quote->ingest.core_seconds + quote->split.core_seconds + quote->publish.core_seconds, faces = 0;
+  int64_t stored = quote->ingest.stored_bytes + quote->split.stored_bytes + quote->publish.stored_bytes;
   for (const TileQuote& tile : quote->tiles) {
     for (const Prediction& task : {tile.cut, tile.crop, tile.measure, tile.solve, tile.mend}) {
       EXPECT_GT(task.core_seconds, 0);

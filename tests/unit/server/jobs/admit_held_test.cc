@@ -13,8 +13,9 @@ using testing::HasSubstr;
 class StoringPlanner : public FakePlanner {
  public:
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>& files, const UpdateBase* base) override {
-    auto tasks = FakePlanner::Tiles(settings, survey, files, base);
+                                           const std::vector<std::string>& files, const UpdateBase* base,
+                                           const FinePart* fine) override {
+    auto tasks = FakePlanner::Tiles(settings, survey, files, base, fine);
     for (PlannedTask& task : *tasks) {
       if (task.kind == "refine") task.stored_bytes = bytes;
     }

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -30,9 +31,12 @@ class TileQuarantineTest : public CoordinatorTest {
     coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &row_, &clock_, {}}, options_);
   }
   Status SucceedAny(const std::string& worker, const GrantedLease& lease) {
-    if (lease.plan.kind != kSolveKind) return Succeed(worker, lease);
+    if (lease.plan.kind != kSolveKind && lease.plan.kind != kSplitKind) return Succeed(worker, lease);
     ReportedResult result;
-    result.outputs.push_back({kStateFile, *blobs_->PutBytes("state " + lease.key)});
+    const bool split = lease.plan.kind == kSplitKind;
+    for (const char* name : split ? std::vector{kCityFile, kMovedFile, kSurveyFile} : std::vector{kStateFile}) {
+      result.outputs.push_back({name, *blobs_->PutBytes(name + lease.key)});
+    }
     return ReportSuccessAndWait(*coordinator_, worker, lease.task, lease.attempt, result);
   }
   // Runs all tasks, failing those in `bad` with `error_class` until they are no longer retried. Returns the runs by
@@ -231,6 +235,150 @@ TEST_F(TileQuarantineTest, RetriedJobEndsLikeAnUndisturbedOne) {
   const std::string again = Create(AJob(4));
   EXPECT_TRUE(WorkAll({}).empty());
   EXPECT_EQ(Published(again), published);
+}
+
+// A job that splits faces twice.
+class SecondSplitTest : public TileQuarantineTest {
+ protected:
+  SecondSplitTest() {
+    row_.steps = 4;
+    row_.first_fine = 2;
+  }
+};
+
+TEST_F(SecondSplitTest, TilesAreCutAgainAfterIt) {
+  const std::string job = Create(AJob(3)), worker = Worker();
+  double progress = 0;
+  std::vector<std::string> order;
+  while (const auto lease = Lease(worker)) {
+    order.push_back(lease->plan.name);
+    EXPECT_EQ(Job(job).tiles_done, 0) << "known once all tasks are planned";
+    ASSERT_TRUE(SucceedAny(worker, *lease).ok());
+    EXPECT_GE(Job(job).progress, progress) << "after " << lease->plan.name;
+    progress = Job(job).progress;
+    if (order.size() == 13) break;
+    if (lease->plan.kind == kSplitKind) {
+      EXPECT_LT(progress, 0.7);
+    }
+  }
+  ASSERT_EQ(order.size(), 13u);
+  EXPECT_EQ(order[1 + 3 + 2 * 3], "split");
+  for (size_t i = 0; i < order.size(); ++i) EXPECT_EQ(order[i].ends_with("again"), i > 10) << order[i];
+  Open();
+  WorkAll({});
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+  EXPECT_EQ(Job(job).tiles_done, 3);
+  EXPECT_EQ(Job(job).tiles_total, 3);
+}
+
+TEST_F(SecondSplitTest, OtherTilesContinueWithoutATileOfEitherPart) {
+  for (const std::string bad : {"cut tile 1", "solve tile 1 step 1", "cut tile 1 again", "solve tile 1 step 3"}) {
+    SCOPED_TRACE(bad);
+    const std::string job = Create(AJob(4, bad));
+    const std::map<std::string, int> runs = WorkAll({bad});
+    EXPECT_EQ(Job(job).header.state, JobState::kPartial);
+    EXPECT_EQ(Job(job).tiles_done, 3);
+    EXPECT_EQ(runs.contains("cut tile 1 again"), bad.ends_with("again") || bad.ends_with("step 3"));
+    EXPECT_FALSE(runs.contains("solve tile 1 step 3") && bad != "solve tile 1 step 3");
+    EXPECT_EQ(runs.at("solve tile 3 step 3"), 1);
+    EXPECT_EQ(runs.at("cut tile 3 again"), 1);
+  }
+}
+
+TEST_F(SecondSplitTest, SameEndAfterReplayOfAnyPrefix) {
+  const std::vector<std::string> bad = {"solve tile 1 step 1", "solve tile 2 step 2"};
+  const std::string job = Create(AJob(4));
+  WorkAll(bad);
+  ASSERT_EQ(Job(job).header.state, JobState::kPartial);
+  const std::string published = Published(job);
+  coordinator_.reset();
+  const std::vector<std::string> all = store_.records;
+  for (size_t size = 1; size < all.size(); ++size) {
+    coordinator_.reset();
+    store_.records.assign(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(size));
+    Open();
+    clock_.Advance(31);
+    ASSERT_TRUE(coordinator_->Tick().ok());
+    clock_.Advance(10);
+    WorkAll(bad);
+    EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "after " << size << " records";
+    EXPECT_EQ(Published(job), published) << "after " << size << " records";
+  }
+}
+
+// A tile of the coarse part is retried after the fine part ended: everything behind the first cuts is planned again.
+TEST_F(SecondSplitTest, RetriedJobEndsLikeAnUndisturbedOne) {
+  const std::string job = Create(AJob(4));
+  WorkAll({"solve tile 0 step 1", "solve tile 3 step 3"});
+  ASSERT_EQ(Job(job).header.state, JobState::kPartial);
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(job, 3).ok());
+  std::map<std::string, int> runs = WorkAll({});
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "tile 0 is quarantined";
+  EXPECT_FALSE(runs.contains("split")) << "the tile failed behind it";
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
+  EXPECT_EQ(Job(job).tiles_done, 0) << "the fine part is not planned";
+  Open();
+  runs = WorkAll({});
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+  EXPECT_EQ(runs.at("split"), 1);
+  EXPECT_EQ(runs.at("cut tile 0 again"), 1);
+  EXPECT_EQ(Job(job).tiles_done, 4);
+  const std::string published = Published(job);
+  const std::string again = Create(AJob(4));
+  EXPECT_TRUE(WorkAll({}).empty());
+  EXPECT_EQ(Published(again), published);
+}
+
+// A retry of a tile of the coarse part plans the fine part anew, with the tiles that failed in it.
+TEST_F(SecondSplitTest, RetryOfACoarseTileRetriesTilesOfTheFinePart) {
+  for (const std::string fine : {"cut tile 1 again", "solve tile 1 step 2"}) {
+    SCOPED_TRACE(fine);
+    const std::string job = Create(AJob(4, fine));
+    WorkAll({"solve tile 2 step 1", fine});
+    ASSERT_EQ(Job(job).tiles_done, 2);
+    ASSERT_TRUE(coordinator_->jobs().RetryJob(job, 2).ok());
+    WorkAll({"split"});
+    ASSERT_EQ(Job(job).header.state, JobState::kFailed) << Job(job).header.error;
+    ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
+    Open();
+    const std::map<std::string, int> runs = WorkAll({});
+    EXPECT_EQ(Job(job).header.state, JobState::kSucceeded) << Job(job).header.error;
+    EXPECT_EQ(runs.at("cut tile 1 again"), 1);
+    EXPECT_EQ(Job(job).tiles_done, 4);
+  }
+}
+
+TEST_F(SecondSplitTest, LostSurveyOfTheSplitIsMadeAgain) {
+  const std::string job = Create(AJob(3)), worker = Worker();
+  std::string survey;
+  while (true) {
+    const auto lease = Lease(worker);
+    ASSERT_TRUE(lease);
+    if (lease->plan.name == "solve tile 1 step 3") {
+      const Digest digest = {Sha256Hex(survey), static_cast<int64_t>(survey.size())};
+      ASSERT_TRUE(std::filesystem::remove(*blobs_->LocalPath(digest)));
+      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPoison).ok());
+      break;
+    }
+    if (lease->plan.kind == kSplitKind) survey = kSurveyFile + lease->key;
+    ASSERT_TRUE(SucceedAny(worker, *lease).ok());
+  }
+  clock_.Advance(10);
+  const std::map<std::string, int> runs = WorkAll({"solve tile 1 step 3"});
+  EXPECT_EQ(runs.at("split"), 1);
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial) << Job(job).header.error;
+}
+
+// The plan without the tile is then the one that the job has.
+TEST_F(TileQuarantineTest, TileWhoseRetriedCutFailsAgainIsQuarantinedAgain) {
+  const std::string job = Create(AJob(3));
+  WorkAll({"cut tile 2"});
+  ASSERT_EQ(Job(job).header.state, JobState::kPartial);
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
+  WorkAll({"cut tile 2"});
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial);
+  Open();
+  EXPECT_EQ(Job(job).tiles_done, 2);
 }
 
 TEST_F(TileQuarantineTest, RetryResetsAttempts) {

@@ -12,8 +12,9 @@ constexpr int64_t kGiB = int64_t{1} << 30;
 class LargePlanner : public FakePlanner {
  public:
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>& files, const UpdateBase* base) override {
-    auto tasks = FakePlanner::Tiles(settings, survey, files, base);
+                                           const std::vector<std::string>& files, const UpdateBase* base,
+                                           const FinePart* fine) override {
+    auto tasks = FakePlanner::Tiles(settings, survey, files, base, fine);
     for (PlannedTask& task : *tasks) task.peak_bytes = task.kind == "refine" ? 12 * kGiB : 1 * kGiB;
     return tasks;
   }
@@ -99,8 +100,9 @@ TEST_F(WaitingForTest, OtherTasksRunWhileOneWaitsForALargerWorker) {
 class SlowPlanner : public FakePlanner {
  public:
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>& files, const UpdateBase* base) override {
-    auto tasks = FakePlanner::Tiles(settings, survey, files, base);
+                                           const std::vector<std::string>& files, const UpdateBase* base,
+                                           const FinePart* fine) override {
+    auto tasks = FakePlanner::Tiles(settings, survey, files, base, fine);
     for (PlannedTask& task : *tasks) {
       task.cost *= 600;
       if (task.kind == "refine") task.peak_bytes = peak_bytes;

@@ -30,7 +30,7 @@ std::vector<TileReads> RandomReads(int tiles, Random& random) {
   return reads;
 }
 
-// All tasks of a job.
+// All tasks of a job. The second split, if there is one, changes no cell of the survey.
 std::vector<PlannedTask> PlanOf(const Survey& survey, const JobSettings& settings,
                                 const std::vector<TileReads>& reads) {
   const std::vector<std::string> files = FilesOf(survey);
@@ -40,7 +40,14 @@ std::vector<PlannedTask> PlanOf(const Survey& survey, const JobSettings& setting
     tasks.insert(tasks.end(), phase->begin(), phase->end());
   };
   append(PlanTiles(settings, SurveyToJson(survey), files));
-  if (tasks.back().kind != kPublishKind) append(PlanSteps(settings, SurveyToJson(survey), files, reads));
+  if (tasks.back().kind == kCutKind) append(PlanSteps(settings, SurveyToJson(survey), files, reads));
+  if (tasks.back().kind == kPublishKind) return tasks;
+  const int size = static_cast<int>(tasks.size());
+  const FinePart fine = {SurveyToJson(survey), TaskId(size - 1), size};
+  append(PlanTiles(settings, SurveyToJson(survey), files, nullptr, &fine));
+  if (tasks.back().kind == kCutKind) {
+    append(PlanSteps(settings, SurveyToJson(survey), files, reads, nullptr, {}, &fine));
+  }
   return tasks;
 }
 
@@ -76,7 +83,9 @@ TEST(Plan, EveryInputIsAnOutputOfAnEarlierTask) {
       {"measure", {kSumsFile}},
       {"solve", {kStateFile}},
       {"mend", {kStateFile}},
-      {"refine", {kStateFile}}};
+      {"refine", {kStateFile}},
+      {"split", {kCityFile, kMovedFile, kSurveyFile, kPlainSurveyFile}},
+      {"start", {kStateFile}}};
   for (uint64_t seed = 0; seed < 20; ++seed) {
     const Survey survey = RandomSurvey(20, 14, 0.8, seed);
     const auto tasks = PlanOf(survey, static_cast<int>(seed));
@@ -101,11 +110,82 @@ TEST(Plan, EveryInputIsAnOutputOfAnEarlierTask) {
 }
 
 TEST(Plan, OneTileIsRefinedByOneTask) {
-  EXPECT_THAT(Lines(PlanOf(RandomSurvey(20, 20, 0.8, 3), 1)),
+  JobSettings settings = {.tiles = 1};
+  settings.method_settings.levels = {0};
+  settings.method_settings.iterations = {2};
+  EXPECT_THAT(Lines(PlanOf(RandomSurvey(20, 20, 0.8, 3), settings, {})),
               ElementsAre("ingest", "cut tile 0: city.arrays of ingest, plain.json of ingest",
                           "crop tile 0: tile.arrays of cut tile 0",
                           "refine tile 0: tile.arrays of cut tile 0, views.arrays of crop tile 0",
                           "publish: city.arrays of ingest, plain.json of ingest, 0000/state.arrays of refine tile 0"));
+}
+
+TEST(Plan, FinestLevelHasFacesOfItsOwn) {
+  const std::vector<PlannedTask> tasks = PlanOf(RandomSurvey(20, 20, 0.8, 3), 1);
+  EXPECT_THAT(Lines(tasks),
+              ElementsAre("ingest", "cut tile 0: city.arrays of ingest, plain.json of ingest",
+                          "crop tile 0: tile.arrays of cut tile 0",
+                          "refine tile 0: tile.arrays of cut tile 0, views.arrays of crop tile 0",
+                          "split: city.arrays of ingest, survey.json of ingest, 0000/state.arrays of refine tile 0",
+                          "cut tile 0, finest level: city.arrays of split, plain.json of split",
+                          "start tile 0, finest level: city.arrays of split, plain.json of split, moved.arrays of split",
+                          "crop tile 0, finest level: tile.arrays of cut tile 0, finest level",
+                          "refine tile 0, finest level: tile.arrays of cut tile 0, finest level, views.arrays of crop "
+                          "tile 0, finest level, 0000/state.arrays of start tile 0, finest level",
+                          "publish: city.arrays of split, plain.json of split, 0000/state.arrays of refine tile 0, "
+                          "finest level"));
+  EXPECT_TRUE(ParseIngestParameters(tasks[0].parameters)->coarse_faces);
+  EXPECT_EQ(ParseCutParameters(tasks[1].parameters)->coarsest_level, 2);
+  EXPECT_EQ(ParseCutParameters(tasks[5].parameters)->coarsest_level, 0);
+  EXPECT_EQ(ParseRefineParameters(tasks[3].parameters)->part, JobPart::kCoarse);
+  EXPECT_EQ(ParseRefineParameters(tasks[8].parameters)->part, JobPart::kFine);
+  double later = 0;
+  for (size_t t = 5; t < tasks.size(); ++t) later += tasks[t].cost;
+  EXPECT_GT(tasks[4].later_cost, 0.5 * later);
+  EXPECT_LT(tasks[4].later_cost, 2 * later);
+}
+
+// A cell that no tile had is added to one; a tile whose cells lost all faces has no tasks.
+TEST(Plan, TilesOfTheFinestLevelCoverItsCells) {
+  Survey survey = SeenFromAbove(20);
+  const JobSettings settings = {.tiles = 4};
+  const std::vector<CellRect> cores = Cores(survey, 4);
+  const std::vector<std::string> files = FilesOf(survey);
+  Survey split = survey;
+  split.cells.push_back(split.cells.back());
+  ++split.cells.back().x;
+  std::erase_if(split.cells, [&](const SurveyCell& cell) { return cores[1].Contains({cell.x, cell.y}); });
+  const FinePart fine = {SurveyToJson(split), TaskId(90), 91, {2}};
+  const auto cuts = PlanTiles(settings, SurveyToJson(survey), files, nullptr, &fine);
+  ASSERT_TRUE(cuts.ok()) << cuts.status();
+  std::vector<CellRect> grown;
+  std::vector<int> cut;
+  for (const PlannedTask& task : *cuts) {
+    ASSERT_EQ(task.kind, kCutKind);
+    cut.push_back(task.tile);
+    grown = ParseCutParameters(task.parameters)->cores;
+    EXPECT_EQ(task.inputs[0].task, TaskId(90));
+  }
+  EXPECT_THAT(cut, ElementsAre(0, 3)) << "1 has no faces, 2 failed before";
+  for (const SurveyCell& cell : split.cells) {
+    EXPECT_EQ(std::count_if(grown.begin(), grown.end(),
+                            [&](const CellRect& core) { return core.Contains({cell.x, cell.y}); }),
+              1);
+  }
+  const TileReads both = {{0, 3}, {0, 3}, {0, 3}, {0, 3}};
+  const auto steps = PlanSteps(settings, SurveyToJson(survey), files, {both, both}, nullptr,
+                               {{.tile = 2, .kind = kSolveKind, .step = 3}}, &fine);
+  ASSERT_TRUE(steps.ok()) << steps.status();
+  std::vector<std::string> first;
+  for (size_t t = 0; t < 5; ++t) first.push_back((*steps)[t].name);
+  EXPECT_THAT(first, ElementsAre("start tile 0, finest level", "start tile 2, finest level",
+                                 "start tile 3, finest level", "crop tile 0, finest level",
+                                 "crop tile 3, finest level"));
+  const auto publish = ParsePublishParameters(steps->back().parameters);
+  EXPECT_THAT(publish->quarantined, ElementsAre(2));
+  EXPECT_TRUE(publish->tiles[1].core.empty());
+  EXPECT_EQ(steps->back().inputs.size(), 2 + 3u);
+  EXPECT_EQ(steps->back().inputs[3].task, TaskId(91 + 2 + 1)) << "tile 2 keeps the state with which it starts";
 }
 
 // Steps: labels, two iterations of one level, labels. Tile 0 has no neighbours; 1 to 3 are in a row.
@@ -201,10 +281,10 @@ TEST(Plan, OnlyActiveStepsHaveTasks) {
   Survey survey = SeenFromAbove(20);
   survey.has_labels = true;
   JobSettings settings = {.tiles = 4};
-  const int iterations = 4 + 8 + 10, levels = 3;  // later rounds stay at the finest level
+  const int iterations = 4 + 8 + 8, levels = 3;  // later rounds stay at the finest level
   const auto expect = [&](int labellings, int rounds) {
     const auto counts = CountsOf(survey, settings);
-    const int again = settings.method == "paper" ? 10 : 5;  // later rounds of the default method are shorter
+    const int again = settings.method == "paper" ? 8 : 4;  // later rounds of the default method are shorter
     const int steps = iterations + again * (rounds - 1) + labellings;
     EXPECT_EQ(counts.at("measure"), steps);
     EXPECT_EQ(counts.at("solve"), steps);
@@ -368,98 +448,6 @@ TEST(Plan, LabelsOnlyMethodHasOneStepAndNoRepair) {
   const std::string refused(CheckJobSettings(settings).message());
   EXPECT_NE(refused.find("rounds: found 2, expected 1"), std::string::npos) << refused;
   EXPECT_NE(refused.find("method settings: found settings of the geometry"), std::string::npos) << refused;
-}
-
-TEST(Plan, IngestReadsTheWholeSceneAndNothingElse) {
-  JobSettings one, other, more_pairs, fewer_views;
-  one.tiles = 1;
-  other.tiles = 9;
-  other.rounds = 3;
-  other.method = "paper";
-  other.method_settings.window_px = 9;
-  more_pairs.method_settings.partners = 6;
-  fewer_views.method_settings.views_per_direction = 3;
-  const auto a = PlanIngest(one, {"images/a.jpg", "scene.json"});
-  const auto b = PlanIngest(other, {"images/a.jpg", "scene.json"});
-  const auto c = PlanIngest(more_pairs, {"images/a.jpg", "scene.json"});
-  const auto d = PlanIngest(fewer_views, {"images/a.jpg", "scene.json"});
-  ASSERT_TRUE(a.ok() && b.ok() && c.ok() && d.ok());
-  EXPECT_EQ(a->size(), 1) << "one task inspects a few images itself";
-  EXPECT_NE(a->back().parameters, c->back().parameters) << "ingest selects pairs";
-  EXPECT_NE(a->back().parameters, d->back().parameters) << "ingest selects the views of cells";
-  EXPECT_EQ(*a->back().scene_files, (std::vector<int>{0, 1}));
-  EXPECT_EQ(a->back().parameters, b->back().parameters) << "ingest does not depend on the tiling";
-}
-
-TEST(Plan, TimesBeforeTheSurveyFollowTheSizesOfFiles) {
-  std::vector<std::string> files = {"mesh.ply", "scene.json"};
-  for (int i = 0; i < 40; ++i) files.push_back("images/" + std::to_string(100 + i) + ".jpg");
-  std::sort(files.begin(), files.end());
-  const auto costs = [&](int64_t mesh_bytes, int64_t image_bytes) {
-    std::vector<int64_t> bytes;
-    for (const std::string& file : files) {
-      bytes.push_back(file == "mesh.ply" ? mesh_bytes : file == "scene.json" ? 1000 : image_bytes);
-    }
-    const auto tasks = PlanIngest({}, files, bytes);
-    EXPECT_TRUE(tasks.ok() && tasks->size() > 2);
-    return std::pair(tasks->front().cost, tasks->back().cost);  // an inspection, ingest
-  };
-  const auto [inspect, ingest] = costs(5'000'000, 300'000);
-  const auto [same, of_large_mesh] = costs(50'000'000, 300'000);
-  const auto [of_large_images, more] = costs(5'000'000, 30'000'000);
-  EXPECT_EQ(same, inspect) << "an inspection reads no mesh";
-  EXPECT_GT(of_large_mesh, 5 * ingest);
-  EXPECT_GT(of_large_images, 50 * inspect);
-  EXPECT_GT(more, ingest);
-  const auto alone = PlanIngest({}, {"images/a.jpg", "mesh.ply", "scene.json"}, {30'000'000, 5'000'000, 1000});
-  ASSERT_TRUE(alone.ok());
-  EXPECT_GT(alone->back().cost, of_large_images / 16) << "it inspects the image itself";
-}
-
-// The files of a view are inspected together. The parts do not depend on the settings, so that they are reused.
-TEST(Plan, ManyImagesAreInspectedInParts) {
-  std::vector<std::string> files = {"cameras/images.bin", "cameras/points3D.bin", "mesh.ply", "scene.json"};
-  constexpr int kImages = 40;
-  for (int i = 0; i < kImages; ++i) {
-    const std::string name = std::to_string(100 + i);
-    files.push_back("images/flight/" + name + ".JPG");
-    files.push_back("likelihoods/flight/" + name + ".tif");
-    files.push_back("masks/flight/" + name + (i % 2 == 0 ? ".JPG.png" : ".mask.png"));
-  }
-  std::sort(files.begin(), files.end());
-  const auto tasks = PlanIngest({.tiles = 4}, files);
-  JobSettings others;
-  others.method_settings.partners = 6;
-  const auto again = PlanIngest(others, files);
-  ASSERT_TRUE(tasks.ok() && again.ok());
-  ASSERT_EQ(tasks->size(), 9);  // of five images each, and ingest
-  const PlannedTask& ingest = tasks->back();
-  EXPECT_EQ(ingest.kind, kIngestKind);
-  EXPECT_EQ(ingest.scene_files->size(), files.size());
-  ASSERT_EQ(ingest.inputs.size(), tasks->size() - 1);
-  std::map<std::string, size_t> part_of;  // by path
-  for (size_t t = 0; t + 1 < tasks->size(); ++t) {
-    const PlannedTask& inspect = (*tasks)[t];
-    EXPECT_EQ(inspect.kind, kInspectKind);
-    EXPECT_TRUE(inspect.inputs.empty());
-    EXPECT_EQ(inspect.parameters, (*again)[t].parameters);
-    EXPECT_EQ(*inspect.scene_files, *(*again)[t].scene_files);
-    EXPECT_EQ(ingest.inputs[t].task, TaskId(static_cast<int>(t)));
-    EXPECT_EQ(InputName(ingest.inputs[t]), TileInputName(static_cast<int>(t), kInspectionFile));
-    std::set<std::string> common = {"cameras/images.bin", "scene.json"};
-    for (const int file : *inspect.scene_files) {
-      if (common.erase(files[file]) > 0) continue;
-      EXPECT_TRUE(part_of.emplace(files[file], t).second) << files[file];
-    }
-    EXPECT_TRUE(common.empty());
-    EXPECT_LE(inspect.scene_files->size(), 18) << "15 files of five images, and two of cameras";
-  }
-  EXPECT_EQ(part_of.size(), 3 * kImages) << "mesh and 3D points are not read";
-  for (int i = 0; i < kImages; ++i) {
-    const std::string name = std::to_string(100 + i), image = "images/flight/" + name + ".JPG";
-    EXPECT_EQ(part_of.at(image), part_of.at("likelihoods/flight/" + name + ".tif"));
-    EXPECT_EQ(part_of.at(image), part_of.at("masks/flight/" + name + (i % 2 == 0 ? ".JPG.png" : ".mask.png")));
-  }
 }
 
 }  // namespace

@@ -188,10 +188,11 @@ TEST(CostModel, CoarserLevelsCostLess) {
   const Survey survey = SeenFromAbove(20);
   const TileWork work = MeasureTile(CellIndex(survey), {-5, -3, 15, 17});
   const auto compare = [&](Prediction (*predict)(const TileWork&, const RefineEffort&)) {
-    const Prediction standard = predict(work, EffortOf({}, survey)), less = predict(work, EffortOf(coarse, survey));
+    const auto of_job = [&](const JobSettings& settings) { return OfParts(predict, work, EffortOf(settings, survey)); };
+    const Prediction standard = of_job({}), less = of_job(coarse);
     EXPECT_LE(less.peak_bytes, standard.peak_bytes);
     EXPECT_LT(less.core_seconds, standard.core_seconds);
-    EXPECT_GT(predict(work, EffortOf(twice, survey)).core_seconds, standard.core_seconds);
+    EXPECT_GT(of_job(twice).core_seconds, standard.core_seconds);
   };
   compare(PredictRefine);
   compare(PredictMeasure);
@@ -205,17 +206,17 @@ TEST(CostModel, EffortOfAJobIsTheSumOfItsSteps) {
   const std::vector<RefineStep> steps = RefineStepsOf("tessera", 0, {});
   double seconds = 0;
   for (const RefineStep& step : steps) seconds += PredictMeasure(work, EffortOf(step)).core_seconds;
-  EXPECT_NEAR(PredictMeasure(work, EffortOf({}, survey)).core_seconds, seconds, 1e-9 * seconds);
+  EXPECT_NEAR(OfParts(PredictMeasure, work, EffortOf({}, survey)).core_seconds, seconds, 1e-9 * seconds);
 }
 
 // `paper` warps each pair in both directions in an iteration, the default method in one.
 TEST(CostModel, OneDirectionHasHalfTheWarps) {
   JobSettings settings;
-  const RefineEffort one = EffortOf(settings, SeenFromAbove(20));
+  const RefineEffort one = EffortOf(settings, SeenFromAbove(20)).fine;
   EXPECT_GT(one.evaluations, 0);
   EXPECT_EQ(one.warps, 0.5 * one.evaluations);
   settings.method = "paper";
-  const RefineEffort both = EffortOf(settings, SeenFromAbove(20));
+  const RefineEffort both = EffortOf(settings, SeenFromAbove(20)).fine;
   EXPECT_EQ(both.warps, both.evaluations);
 }
 

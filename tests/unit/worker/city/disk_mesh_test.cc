@@ -146,13 +146,21 @@ TEST(SplitOnDisk, EqualsSplitLargeFacesForAnyChunkSize) {
     const DensityOptions density = {.max_footprint_px2 = 8, .max_rounds = 8};
     const SplitMesh expected = SplitLargeFaces(input, scene.cameras, density);
     EXPECT_GT(expected.round_ends.size(), 1u);
+    std::vector<Eigen::Vector3d> starts;  // a vertex between two starts between theirs
+    for (const Eigen::Vector3d& p : input.vertices) starts.emplace_back(p.y(), -p.x(), p.z() + p.x() * p.y());
+    const std::vector<Eigen::Vector3d> given = starts;
+    for (const auto& [a, b] : expected.halved_edges) starts.emplace_back(0.5 * (starts[a] + starts[b]));
     for (const size_t faces : {1, 50, 100000}) {
       for (const double split_faces : {1.0, 200.0, 1e9}) {
-        const auto found = SplitOnDisk(ToDisk(input), scene.cameras, density, testing::TempDir(),
+        DiskMesh on_disk = ToDisk(input);
+        on_disk.starts = *ScratchArray<Eigen::Vector3d>::Create(testing::TempDir(), given.size());
+        std::copy(given.begin(), given.end(), on_disk.starts.values().begin());
+        const auto found = SplitOnDisk(std::move(on_disk), scene.cameras, density, testing::TempDir(),
                                        {.faces_per_chunk = faces, .split_faces_per_chunk = split_faces},
                                        [](double) { return absl::OkStatus(); });
         ASSERT_TRUE(found.ok()) << found.status();
         ExpectSame(expected.mesh, *found);
+        EXPECT_EQ(Values(found->starts), starts);
         EXPECT_EQ(Values(found->input_face), expected.parent_face);
       }
     }

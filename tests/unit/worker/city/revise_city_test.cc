@@ -236,6 +236,34 @@ TEST(ReviseCity, KeptFacesKeepTheirIdsWithoutCracks) {
   }
 }
 
+// New faces split the edges that they share with kept ones as often as these, and for the same reasons.
+TEST(ReviseCity, CityMayHaveBeenSplitTwice) {
+  const auto go_on = [](double) { return absl::OkStatus(); };
+  for (uint64_t seed = 0; seed < 6; ++seed) {
+    SCOPED_TRACE(seed);
+    Random random(seed);
+    const TriangleMesh mesh = Hills(&random);
+    const std::vector<PosedCamera> cameras = Cameras(&random);
+    DiskMesh moved = *SplitOnDisk(Repaired(mesh), cameras, {.max_footprint_px2 = 64}, testing::TempDir(),
+                                  DiskPassOptions(), go_on);
+    moved.starts = *ScratchArray<Eigen::Vector3d>::Create(testing::TempDir(), moved.vertices.size());
+    for (size_t v = 0; v < moved.vertices.size(); ++v) {
+      moved.starts[v] = moved.vertices[v];
+      for (int k = 0; k < 3; ++k) moved.vertices[v][k] += 0.5 * random.Uniform();
+    }
+    const DiskMesh split = *SplitOnDisk(std::move(moved), cameras, {.max_footprint_px2 = 4}, testing::TempDir(),
+                                        DiskPassOptions(), go_on);
+    MeshSpans start = split.spans();
+    start.vertices = split.starts.values();
+    const CityReader city = Write({start, split.input_face.values()});
+    const TriangleMesh now = Shuffled(Changed(mesh, &random), &random);
+    const auto revised = ReviseCity(city, Repaired(mesh), Repaired(now), Ground(), cameras, {.max_rounds = 1},
+                                    testing::TempDir(), {});
+    ASSERT_TRUE(revised.ok()) << revised.status();
+    ExpectValidUpdate(city, now, *revised);
+  }
+}
+
 TEST(ReviseCity, SeparatedFansGetNewIds) {
   // Two faces that share only a corner are two fans after repair; before, they were one.
   Random random(3);

@@ -302,6 +302,32 @@ TEST(MotionGuard, VertexStopsAtItsEllipsoid) {
   }
 }
 
+// As a vertex of the second split, which lies between two that have moved.
+TEST(MotionGuard, VertexThatBeginsOutsideItsEllipsoidStaysWithinTheBound) {
+  const TriangleMesh start = HeightField(8, 4, Flat);
+  MotionLimits limits;
+  limits.max_normal_m = 1;
+  limits.max_tangent_m = 0.75;
+  const MotionGuard guard(start, {}, limits);
+  const double bound_m = MotionBound_m(limits);
+  for (const Vector3d& pull : {Vector3d(-0.05, 0, 0.2), Vector3d(0.1, 0.1, 0), Vector3d(-0.3, 0, 0.75)}) {
+    Positions at = start.vertices;
+    at[40].x() += 0.95;
+    for (int i = 0; i < 50; ++i) {
+      Positions step(at.size(), Vector3d::Zero());
+      step[40] = pull;
+      guard.LimitDisplacement(at, &step);
+      at = Added(at, step);
+      ASSERT_LE((at[40] - start.vertices[40]).norm(), bound_m);
+    }
+    Positions inwards(at.size(), Vector3d::Zero());
+    inwards[40] = 0.5 * (start.vertices[40] - at[40]);
+    const Vector3d wanted = inwards[40];
+    guard.LimitDisplacement(at, &inwards);
+    EXPECT_EQ(inwards[40], wanted);
+  }
+}
+
 TEST(MotionGuard, ResultIsIndependentOfThreads) {
   const TriangleMesh mesh = Stairs(120, 4);
   MotionLimits limits;
