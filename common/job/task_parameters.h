@@ -18,9 +18,9 @@ namespace tessera {
 
 // Names of the files that tasks write and read. The comment names the task that writes the file.
 inline constexpr char kInspectionFile[] = "inspection.json";   // inspect: what some images hold (common/check)
-inline constexpr char kCityFile[] = "city.arrays";             // ingest: the repaired and split mesh
-inline constexpr char kSurveyFile[] = "survey.json";           // ingest
-inline constexpr char kPlainSurveyFile[] = "plain.json";       // ingest: the survey without names, which tasks read
+inline constexpr char kCityFile[] = "city.arrays";             // ingest, split: the repaired and split mesh
+inline constexpr char kSurveyFile[] = "survey.json";           // ingest, split
+inline constexpr char kPlainSurveyFile[] = "plain.json";       // ingest, split: the survey without names, for tasks
 inline constexpr char kBaseSurveyFile[] = "base-survey.json";  // the survey of an update's base job
 inline constexpr char kFilesFile[] = "files.json";             // locations of files that an update does not read
 inline constexpr char kUpdateFile[] = "update.json";           // plan of an update: tiles to compute, reasons and cost
@@ -69,7 +69,8 @@ struct InspectParameters {
   bool classify = false;  // as in IngestParameters
 };
 
-// Parameters of ingest. Only settings that differ from the default are set, so that methods share one ingest task.
+// Parameters of ingest. Only settings that differ from the default are set, so that methods that split faces equally
+// often share one ingest task.
 struct IngestParameters {
   // Unset: the defaults.
   std::optional<int> partners;             // partner views per view
