@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/wait.h>
 
 #include <algorithm>
 #include <atomic>
@@ -79,7 +80,11 @@ Program::Program(const std::string& folder, const std::string& program, const st
 }
 
 void Program::Signal(int signal) {
-  if (process_->Running()) ::kill(process_->pid(), signal);
+  if (!process_->Running()) return;
+  ::kill(process_->pid(), signal);
+  siginfo_t unused;
+  // The threads of a process stop one after the other: some may answer for a while.
+  if (signal == SIGSTOP) ::waitid(P_PID, process_->pid(), &unused, WSTOPPED | WEXITED | WNOWAIT);
 }
 
 std::string Program::Output() const { return Content(process_->log()); }

@@ -31,6 +31,7 @@ class Program {
   bool Running() { return process_->Running(); }
   // "exit code 1", "signal 9 (Killed)"; empty while it runs.
   std::string ExitDescription() { return process_->ExitDescription(); }
+  // After SIGSTOP waits until all threads have stopped.
   void Signal(int signal);
   std::string Output() const;
   Outcome Wait();
