@@ -11,6 +11,7 @@
 namespace tessera {
 namespace {
 
+using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr int64_t kGrain = 1024;
@@ -20,19 +21,6 @@ struct Edge {
   uint32_t low, high;
   bool operator==(const Edge&) const = default;
 };
-
-// Longest squared projection of the segment over the cameras that see both ends.
-double LongestSquaredPx(const Vector3d& a, const Vector3d& b, const std::vector<PosedCamera>& cameras) {
-  double longest = 0;
-  for (const PosedCamera& camera : cameras) {
-    const Vector3d p = camera.Project(a);
-    if (!camera.InImage(p)) continue;
-    const Vector3d q = camera.Project(b);
-    if (!camera.InImage(q)) continue;
-    longest = std::max(longest, (p - q).head<2>().squaredNorm());
-  }
-  return longest;
-}
 
 // Sorted unique edges of the mesh, and the three edges of each face (k: from corner k to k + 1).
 struct EdgeTable {
@@ -49,6 +37,26 @@ EdgeTable MakeEdges(const std::vector<Triangle>& faces) {
     table.of_face[side.face_corner / 3][side.face_corner % 3] = static_cast<uint32_t>(table.edges.size() - 1);
   }
   return table;
+}
+
+// Sets the midpoint of the `open` edges to 0 whose projection is longer than the limit in a camera that sees both ends.
+void MarkLongEdges(const std::vector<Vector3d>& vertices, const std::vector<Edge>& edges,
+                   const std::vector<uint32_t>& open, const std::vector<PosedCamera>& cameras, double limit_px2,
+                   std::vector<uint32_t>* midpoint) {
+  std::vector<uint8_t> is_end(vertices.size(), 0);
+  for (const uint32_t e : open) is_end[edges[e].low] = is_end[edges[e].high] = 1;
+  std::vector<Vector2d> pixel(vertices.size());
+  for (const PosedCamera& camera : cameras) {
+    ParallelForEach(vertices.size(), kGrain, [&](int64_t v) {
+      if (!is_end[v]) return;
+      const Vector3d p = camera.Project(vertices[v]);
+      pixel[v] = camera.InImage(p) ? Vector2d(p.head<2>()) : Vector2d::Constant(std::nan(""));
+    });
+    ParallelForEach(open.size(), kGrain, [&](int64_t i) {
+      const Edge& edge = edges[open[i]];
+      if ((pixel[edge.low] - pixel[edge.high]).squaredNorm() > limit_px2) (*midpoint)[open[i]] = 0;  // false for NaN
+    });
+  }
 }
 
 // Appends the parts of a face; mid[k] is the midpoint of edge k (kNone: not split).
@@ -93,14 +101,18 @@ SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamer
   // Squared side of the equilateral triangle of the limit's area.
   const double limit_px2 = options.max_footprint_px2 * 4 / std::sqrt(3.0);
 
+  uint32_t first_new = 0;  // vertices of the round before; no edge between earlier ones is to be halved
   for (int round = 0; round < options.max_rounds; ++round) {
     const EdgeTable table = MakeEdges(out.mesh.faces);
-    std::vector<uint32_t> midpoint(table.edges.size(), kNone);
-    ParallelForEach(table.edges.size(), kGrain, [&](int64_t e) {
-      const Vector3d &a = out.mesh.vertices[table.edges[e].low], &b = out.mesh.vertices[table.edges[e].high];
+    std::vector<uint32_t> midpoint(table.edges.size(), kNone), open;
+    for (uint32_t e = 0; e < table.edges.size(); ++e) {
+      if (table.edges[e].high < first_new) continue;
       const std::optional<bool> decided = rule ? rule(table.edges[e].low, table.edges[e].high) : std::nullopt;
-      if (decided ? *decided : LongestSquaredPx(a, b, cameras) > limit_px2) midpoint[e] = 0;
-    });
+      if (!decided) open.push_back(e);
+      if (decided && *decided) midpoint[e] = 0;
+    }
+    MarkLongEdges(out.mesh.vertices, table.edges, open, cameras, limit_px2, &midpoint);
+    first_new = static_cast<uint32_t>(out.mesh.vertices.size());
     bool any = false;
     for (size_t e = 0; e < table.edges.size(); ++e) {
       if (midpoint[e] == kNone) continue;
