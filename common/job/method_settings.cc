@@ -30,18 +30,14 @@ void CheckNumbers(std::span<const Setting<Number>> table, const MethodSettings& 
   }
 }
 
-void CheckLevels(const MethodSettings& settings, Faults* faults) {
+void CheckLevels(const std::string& method, const MethodSettings& settings, Faults* faults) {
   for (const ListSetting& setting : ListSettings()) {
     for (const int item : settings.*setting.value) {
       if (item >= setting.low && item <= setting.high) continue;
       faults->Add(Fault(setting.name, absl::StrCat(item), absl::StrCat(setting.low, " to ", setting.high)));
     }
   }
-  const auto or_standard = [](const ListSetting& setting, const std::vector<int>& value) {
-    return value.empty() ? setting.standard : value;
-  };
-  const std::vector<int> levels = or_standard(ListSettings()[0], settings.levels);
-  const std::vector<int> iterations = or_standard(ListSettings()[1], settings.iterations);
+  const std::vector<int> levels = LevelsOf(settings), iterations = IterationsOf(method, settings);
   if (levels.size() > kMaxLevels ||
       std::adjacent_find(levels.begin(), levels.end(), std::less_equal<>()) != levels.end()) {
     faults->Add(Fault("levels", absl::StrJoin(levels, ","),
@@ -98,7 +94,7 @@ std::span<const ListSetting> ListSettings() {
        "Iterations of geometry, one number per level; later rounds of tessera have half",
        1,
        200,
-       {4, 8, 8},
+       {4, 8, 6},
        &MethodSettings::iterations}};
   return kSettings;
 }
@@ -121,6 +117,7 @@ std::optional<std::string> MethodDefault(const std::string& setting, const std::
   if (paper && setting == "semantic") return absl::StrCat(kPaperSemantic);
   if (paper && setting == "inter") return absl::StrCat(kPaperInter);
   if (paper && setting == "label_smoothness") return absl::StrCat(kPaperLabelSmoothness);
+  if (setting == "iterations") return absl::StrJoin(IterationsOf(method, {}), ",");
   if ((paper || baseline) && (setting == "labels_first" || setting == "flip_edges")) return "false";
   for (const auto& each : RealSettings()) {
     if (setting == each.name) return absl::StrCat(each.standard);
@@ -137,6 +134,16 @@ std::optional<std::string> MethodDefault(const std::string& setting, const std::
   return std::nullopt;
 }
 
+std::vector<int> LevelsOf(const MethodSettings& settings) {
+  return settings.levels.empty() ? ListSettings()[0].standard : settings.levels;
+}
+
+std::vector<int> IterationsOf(const std::string& method, const MethodSettings& settings) {
+  if (!settings.iterations.empty()) return settings.iterations;
+  if (method == "paper" || method == "baseline") return {kIterationsOfOneSplit.begin(), kIterationsOfOneSplit.end()};
+  return ListSettings()[1].standard;
+}
+
 Status CheckMethod(const std::string& method, const MethodSettings& settings) {
   Faults faults;
   if (!method.empty() && std::find(kMethods.begin(), kMethods.end(), method) == kMethods.end()) {
@@ -147,7 +154,7 @@ Status CheckMethod(const std::string& method, const MethodSettings& settings) {
   if (settings.window_px && *settings.window_px % 2 == 0) {
     faults.Add(Fault("window_px", absl::StrCat(*settings.window_px), "an odd number"));
   }
-  CheckLevels(settings, &faults);
+  CheckLevels(method, settings, &faults);
   if (method == "baseline" && (settings.semantic || settings.inter)) {
     faults.Add(
         Fault(settings.semantic ? "semantic" : "inter", "a weight", "no value: the method baseline uses no classes"));

@@ -25,6 +25,9 @@ inline constexpr std::array<const char*, 4> kMethodHelps = {
 // Values of the method "paper" that differ from the standard ones; the paper gives no weights.
 inline constexpr double kPaperSemantic = 0.1, kPaperInter = 0.1, kPaperLabelSmoothness = 0.5;
 
+// Iterations of "paper" and "baseline", which split faces once.
+inline constexpr std::array<int, 3> kIterationsOfOneSplit = {4, 8, 8};
+
 // Settings that are not set (or empty lists) have the method's default.
 struct MethodSettings {
   std::optional<double> semantic, thin_plate, inter, contour;  // λ1 to λ4
@@ -71,6 +74,10 @@ std::span<const BoolSetting> BoolSettings();
 // The value that the method has if the setting of this name in one of the tables is not set, as text: "0.3", "2,1,0",
 // "true". None if the method does not use the setting or has no setting of this name.
 std::optional<std::string> MethodDefault(const std::string& setting, const std::string& method);
+
+// The setting, or the method's default.
+std::vector<int> LevelsOf(const MethodSettings& settings);
+std::vector<int> IterationsOf(const std::string& method, const MethodSettings& settings);
 
 // INVALID_ARGUMENT lists all errors, each with what was found and what was expected. An empty method means "tessera".
 Status CheckMethod(const std::string& method, const MethodSettings& settings);

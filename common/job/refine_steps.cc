@@ -23,13 +23,9 @@ std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const st
 }
 
 std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, const MethodSettings& settings) {
-  const auto or_standard = [](const ListSetting& list, const std::vector<int>& value) {
-    return value.empty() ? list.standard : value;
-  };
   const MethodRules rules = MethodRulesOf(method, rounds, settings);
   if (!rules.moves) return MakeRefineSteps({}, {}, rules.rounds, rules.short_rounds, rules.alternate);
-  return MakeRefineSteps(or_standard(ListSettings()[0], settings.levels),
-                         or_standard(ListSettings()[1], settings.iterations), rules.rounds, rules.short_rounds,
+  return MakeRefineSteps(LevelsOf(settings), IterationsOf(method, settings), rules.rounds, rules.short_rounds,
                          rules.alternate);
 }
 

@@ -126,7 +126,7 @@ class Graph {
     std::vector<CellRect> cores;
     for (const GraphTile& tile : tiles_) cores.push_back(tile.parameters.core);
     const MethodSettings& method = settings_.method_settings;
-    const std::vector<int>& levels = method.levels.empty() ? ListSettings()[0].standard : method.levels;
+    const std::vector<int> levels = LevelsOf(method);
     const int coarsest = part_ == JobPart::kFine ? levels.back() : *std::max_element(levels.begin(), levels.end());
     for (GraphTile& tile : tiles_) {
       if (!tile.redone || tile.left_out) continue;

@@ -1,5 +1,5 @@
 // Refines one scene in one piece and prints energies, times and nanoseconds per pixel and pair:
-//   refine_bench SCENE [--out RESULT.ply] [--levels 2,1,0 --iterations 4,8,8] [--thin-plate W] ...
+//   refine_bench SCENE [--out RESULT.ply] [--levels 2,1,0 --iterations 4,8,6] [--thin-plate W] ...
 // Score the result with `tessera evaluate RESULT.ply --scene SCENE`.
 #include <CLI/CLI.hpp>
 #include <algorithm>

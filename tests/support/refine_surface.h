@@ -25,7 +25,7 @@ struct SurfaceProblem {
   std::vector<ViewPair> pairs;  // ordered, sorted by reference; empty: SelectPairs with `pairing`
   PairOptions pairing;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
-  std::vector<int> levels = {2, 1, 0}, iterations = {4, 8, 8};
+  std::vector<int> levels = {2, 1, 0}, iterations = {4, 8, 6};
   int rounds = 1;  // of all levels
 };
 

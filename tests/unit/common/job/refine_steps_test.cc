@@ -43,7 +43,7 @@ TEST(RefineSteps, IterationsAlternateTheDirections) {
     }
     return text;
   };
-  EXPECT_EQ(directions("tessera"), "LfrfrfrfrfrfrfrfrfrfrLfrfrL");
+  EXPECT_EQ(directions("tessera"), "LfrfrfrfrfrfrfrfrfrLfrfL");
   EXPECT_EQ(directions("paper"), "L" + std::string(20, 'b') + "L" + std::string(8, 'b') + "L");
   settings.iterations = {1, 1, 1};
   EXPECT_EQ(directions("tessera"), "LfrfLrL") << "levels and rounds of one iteration";

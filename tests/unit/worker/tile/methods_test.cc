@@ -83,8 +83,10 @@ TEST(Methods, EachMethodHasItsTerms) {
     EXPECT_EQ(other->data.window_px, ours.data.window_px);
     EXPECT_EQ(other->step.max_step_px, ours.step.max_step_px);
   }
-  EXPECT_EQ(StepsOf("baseline", {}, 2), StepsOf("tessera", {}, 2));
-  EXPECT_EQ(StepsOf("paper", {}, 1), StepsOf("tessera", {}, 1));
+  MethodSettings same;
+  same.iterations = {4, 8, 8};  // of those that split faces once
+  EXPECT_EQ(StepsOf("baseline", {}, 2), StepsOf("tessera", same, 2));
+  EXPECT_EQ(StepsOf("paper", {}, 1), StepsOf("tessera", same, 1));
 }
 
 // The help prints these standards.
@@ -134,6 +136,8 @@ TEST(Methods, StatedDefaultsEqualUnsetSettings) {
     EXPECT_EQ(MethodRulesOf(method, 0, stated).flips_edges, MethodRulesOf(method, 0, {}).flips_edges) << method;
   }
   EXPECT_EQ(MethodDefault("levels", "tessera"), "2,1,0");
+  EXPECT_EQ(MethodDefault("iterations", "tessera"), "4,8,6");
+  EXPECT_EQ(MethodDefault("iterations", "paper"), "4,8,8");
   EXPECT_EQ(MethodDefault("semantic", "baseline"), std::nullopt);
   EXPECT_EQ(MethodDefault("nonsense", "tessera"), std::nullopt);
 }
