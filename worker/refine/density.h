@@ -29,7 +29,7 @@ struct SplitMesh {
 };
 
 // Overrides the decision whether the edge between two vertices (lower id, higher id) is halved; nullopt: decide by
-// the cameras.
+// the cameras. Asked once for each edge.
 using EdgeRule = std::function<std::optional<bool>(uint32_t low, uint32_t high)>;
 
 // Halves edges until no face's footprint should exceed the limit. An edge is split if its longest projection, over
