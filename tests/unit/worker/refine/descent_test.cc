@@ -326,6 +326,17 @@ TEST(MotionGuard, VertexThatBeginsOutsideItsEllipsoidStaysWithinTheBound) {
     guard.LimitDisplacement(at, &inwards);
     EXPECT_EQ(inwards[40], wanted);
   }
+  // Steps along the larger ellipsoid through the vertex, which reaches farther along the normal.
+  Positions at = start.vertices;
+  at[40].x() += 0.95;
+  for (int i = 0; i < 400; ++i) {
+    const Vector3d from = at[40] - start.vertices[40];
+    Positions step(at.size(), Vector3d::Zero());
+    step[40] = 0.01 * Vector3d(-from.z(), 0, from.x() / 0.5625) - 0.001 * from;
+    guard.LimitDisplacement(at, &step);
+    at = Added(at, step);
+    ASSERT_LE((at[40] - start.vertices[40]).norm(), bound_m) << i;
+  }
 }
 
 TEST(MotionGuard, ResultIsIndependentOfThreads) {
