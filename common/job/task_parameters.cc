@@ -42,6 +42,8 @@ StatusOr<Value> ParseWithSettings(const std::string& text) {
   return parameters;
 }
 
+constexpr char kViewFolder[] = "views/";
+
 }  // namespace
 
 std::string TileInputName(int tile, const std::string& file) {
@@ -53,7 +55,7 @@ std::string TileInputName(int tile, const std::string& file) {
 std::string ViewFileName(int32_t view, bool likelihoods) {
   std::string number = std::to_string(view);
   if (number.size() < 6) number.insert(0, 6 - number.size(), '0');
-  return "views/" + number + (likelihoods ? kLikelihoodsEnding : ".image");
+  return kViewFolder + number + (likelihoods ? kLikelihoodsEnding : ".image");
 }
 
 std::string ViewMaskName(int32_t view) {
@@ -66,8 +68,14 @@ std::string ViewBordersName(int32_t view) {
   return image.substr(0, image.rfind('.')) + ".borders";
 }
 
-bool IsFetchedOnDemand(const std::string& name) {
-  return name.starts_with(absl::StrCat(kSceneFolder, "/")) && IsPixelFile(name);
+void FetchedOnDemand::AddInput(const std::string& name) {
+  reads_inspections_ = reads_inspections_ || name.ends_with(absl::StrCat("/", kInspectionFile));
+  reads_crops_ = reads_crops_ || name.ends_with(absl::StrCat("/", kViewsFile));
+}
+
+bool FetchedOnDemand::operator()(const std::string& name) const {
+  if (name.starts_with(kViewFolder)) return reads_crops_;
+  return reads_inspections_ && name.starts_with(absl::StrCat(kSceneFolder, "/")) && IsPixelFile(name);
 }
 
 // The conversions that the JSON library finds by the type of their argument.
@@ -141,6 +149,15 @@ static void from_json(const json& j, CutParameters& p) {
   j.at("window_px").get_to(p.window_px);
   j.at("coarsest_level").get_to(p.coarsest_level);
   p.borders = j.contains("borders") && j.at("borders").get<bool>();
+}
+
+static void to_json(json& j, const CropParameters& p) {
+  j = {{"tiles", p.tiles}};
+  if (!p.coarse.empty()) j["coarse"] = p.coarse;
+}
+static void from_json(const json& j, CropParameters& p) {
+  j.at("tiles").get_to(p.tiles);
+  p.coarse = j.value("coarse", std::vector<int>());
 }
 
 static void to_json(json& j, const ClassifyParameters& p) {
@@ -271,6 +288,7 @@ std::string ToJson(const IngestParameters& parameters) { return json(parameters)
 std::string ToJson(const UpdateParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const UpdateFiles& parameters) { return json(parameters).dump(); }
 std::string ToJson(const CutParameters& parameters) { return json(parameters).dump(); }
+std::string ToJson(const CropParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const ClassifyParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const BordersParameters& parameters) { return json(parameters).dump(); }
 std::string ToJson(const StartParameters& parameters) { return json(parameters).dump(); }
@@ -287,6 +305,7 @@ StatusOr<IngestParameters> ParseIngestParameters(const std::string& text) { retu
 StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& text) { return Parse<UpdateParameters>(text); }
 StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& text) { return Parse<UpdateFiles>(text); }
 StatusOr<CutParameters> ParseCutParameters(const std::string& text) { return Parse<CutParameters>(text); }
+StatusOr<CropParameters> ParseCropParameters(const std::string& text) { return Parse<CropParameters>(text); }
 StatusOr<ClassifyParameters> ParseClassifyParameters(const std::string& text) {
   return Parse<ClassifyParameters>(text);
 }

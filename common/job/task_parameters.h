@@ -60,9 +60,17 @@ struct TileParameters {
 // Name of a tile's file among the inputs of a task that reads several tiles: "0003/state.arrays".
 std::string TileInputName(int tile, const std::string& file);
 
-// Whether a worker fetches a file of the scene, the input `name` of a task, when the task asks for it
-// (TaskRequest::fetch): a pixel file of a task that reads inspections.
-bool IsFetchedOnDemand(const std::string& name);
+// Whether a worker fetches the input `name` of a task when the task asks for it (TaskRequest::fetch): a pixel file of
+// the scene if the task reads inspections, a file of a view (ViewFileName, ViewMaskName) if it reads earlier crops.
+class FetchedOnDemand {
+ public:
+  // Call with the names of all inputs of the task.
+  void AddInput(const std::string& name);
+  bool operator()(const std::string& name) const;
+
+ private:
+  bool reads_inspections_ = false, reads_crops_ = false;
+};
 
 // Parameters of inspect, which inspects the pixel files among its inputs.
 struct InspectParameters {
@@ -109,6 +117,14 @@ struct CutParameters {
   int window_px = 7;            // side of the method's comparison windows
   int coarsest_level = 2;
   bool borders = false;  // kBordersFile is among the inputs and replaces the survey's borders
+};
+
+// Parameters of crop, which crops the images for some tiles. Their packages (TileInputName) are among the inputs.
+struct CropParameters {
+  std::vector<int> tiles;  // ascending
+  // In the fine part of a job (JobPart), in which only windows are cropped that the crops of the coarse part lack. Per
+  // tile: kViewsFile of this tile (TileInputName) has its coarse crops. Empty: there are none.
+  std::vector<int> coarse = {};
 };
 
 // Parameters of classify, which computes a view's likelihoods. It does not read the survey, so that an update can reuse
@@ -211,6 +227,7 @@ std::string ToJson(const IngestParameters& parameters);
 std::string ToJson(const UpdateParameters& parameters);
 std::string ToJson(const UpdateFiles& files);
 std::string ToJson(const CutParameters& parameters);
+std::string ToJson(const CropParameters& parameters);
 std::string ToJson(const ClassifyParameters& parameters);
 std::string ToJson(const BordersParameters& parameters);
 std::string ToJson(const StartParameters& parameters);
@@ -227,6 +244,7 @@ StatusOr<IngestParameters> ParseIngestParameters(const std::string& json);
 StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& json);
 StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& json);
 StatusOr<CutParameters> ParseCutParameters(const std::string& json);
+StatusOr<CropParameters> ParseCropParameters(const std::string& json);
 StatusOr<ClassifyParameters> ParseClassifyParameters(const std::string& json);
 StatusOr<BordersParameters> ParseBordersParameters(const std::string& json);
 StatusOr<StartParameters> ParseStartParameters(const std::string& json);

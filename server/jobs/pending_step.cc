@@ -11,6 +11,7 @@
 #include "server/jobs/planner.h"
 #include "server/ledger/base_of.h"
 #include "server/ledger/task_inputs.h"
+#include "server/plan/crop_tasks.h"
 
 namespace tessera {
 namespace {
@@ -57,6 +58,9 @@ std::optional<PendingStep> NextStep(const Ledger& ledger) {
     if (!base.empty()) step.base = BaseOf(ledger, step.settings.update);
     for (int task = 0; task < (job.replan_from >= 0 ? job.replan_from : step.tasks); ++task) {
       const TaskPhase phase = KindOf(job.tasks[task].plan.kind.str()).phase;
+      if (step.split < 0 && !job.tasks[task].superseded) {
+        step.coarse_crops.merge(CropsByTile(job.tasks[task].plan, TaskId(task)));
+      }
       if (job.tasks[task].plan.kind == kSplitKind && !job.tasks[task].superseded) {
         step.split = task;
         step.first_fine_cut = -1;
@@ -120,7 +124,7 @@ StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environm
   if (step.split >= 0) {
     TESSERA_RETURN_IF_ERROR(step.fine_survey.status());
     const bool cuts_again = step.kind == PendingStep::Kind::kPlanTiles;
-    fine = FinePart{"", TaskId(step.split), cuts_again ? step.tasks : step.first_fine_cut, {}};
+    fine = FinePart{"", TaskId(step.split), cuts_again ? step.tasks : step.first_fine_cut, {}, step.coarse_crops};
     TESSERA_ASSIGN_OR_RETURN(fine->survey, environment.blobs->Read(*step.fine_survey));
     for (const FailedTile& tile : step.quarantined) {
       if (!tile.fine) fine->left_out.push_back(tile.tile);

@@ -26,6 +26,7 @@ struct PendingStep {
   StatusOr<Digest> survey = absl::UnknownError("not read");
   // Of a job that splits faces twice, once they are: the task, its survey and its first cut (-1: none yet).
   int split = -1, first_fine_cut = -1;
+  std::map<int, TaskId> coarse_crops;  // by tile: the task of the coarse part with its crops
   StatusOr<Digest> fine_survey = absl::UnknownError("not read");
   std::vector<std::pair<int, StatusOr<Digest>>> reads;  // kReadsFile of each cut tile
   int tiles = 0;                                        // highest tile with a planned cut, plus 1

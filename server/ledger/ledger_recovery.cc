@@ -69,8 +69,11 @@ void Ledger::ApplyQuarantined(const v1::TileQuarantined& change) {
   // The tile may be quarantined already: until the job is planned without it, another task of it can fail.
   const auto place = std::lower_bound(job.quarantined.begin(), job.quarantined.end(), change.tile(),
                                       [](const QuarantinedTile& each, int tile) { return each.tile < tile; });
+  // The crop of a group of tiles may also be made again later, if its result is lost.
   if (place == job.quarantined.end() || place->tile != change.tile()) {
     job.quarantined.insert(place, {change.tile(), change.task()});
+  } else if (job.tasks[change.task()].plan.kind == kCropKind && job.tasks[place->task].plan.kind != kCutKind) {
+    place->task = change.task();
   }
   job.failed = FirstFailed(job);
   Recount(job);

@@ -49,6 +49,9 @@ std::vector<GraphTile> TilesOf(const FinePart& fine, const std::vector<GraphTile
     tile.parameters = parameters;
     tile.redone = !tile.gone();
     if (tile.redone) tile.work = MeasureTile(cells, parameters.core);
+    if (const auto crop = fine.crops.find(parameters.tile); crop != fine.crops.end()) {
+      tile.coarse_crop = PlannedInput{crop->second, kViewsFile, parameters.tile};
+    }
     if (!std::binary_search(fine.left_out.begin(), fine.left_out.end(), parameters.tile)) continue;
     tile.frozen_from = kNoCut;
     tile.left_out = true;

@@ -1,6 +1,7 @@
 // The fine part of a job that splits faces twice (JobPart): the task before it, and its tiles.
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@ struct FinePart {
   TaskId split;                    // this task
   int first_task = 0;              // index of the first of the part's tasks
   std::vector<int> left_out = {};  // tiles that were quarantined before, ascending: they keep their state
+  std::map<int, TaskId> crops = {};  // by tile: the task with its crops
 };
 
 // The task that splits the faces: the last of the coarse part. `survey`: with which the job began; `tiles`: with their

@@ -11,6 +11,7 @@
 #include "common/job/survey.h"
 #include "server/plan/change_tasks.h"
 #include "server/plan/classify_tasks.h"
+#include "server/plan/crop_tasks.h"
 #include "server/plan/export_tasks.h"
 #include "server/plan/graph_tile.h"
 #include "server/plan/publish_task.h"
@@ -19,6 +20,7 @@
 #include "server/settings/export_settings.h"
 #include "server/tiling/cell_index.h"
 #include "server/tiling/cost_model.h"
+#include "server/tiling/crop_groups.h"
 #include "server/tiling/export_cost.h"
 #include "server/tiling/quote.h"
 #include "server/tiling/tiling.h"
@@ -162,17 +164,9 @@ class Graph {
   }
 
   void AddCrops() {
-    for (GraphTile& tile : tiles_) {
-      if (!tile.redone || tile.never_started()) continue;
-      PlannedTask task = OnceAPart(TaskOf(tile, kCropKind, PredictCrop(tile.work)));
-      task.parameters = "{}";
-      task.inputs = {{tile.cut, kTileFile}};
-      for (const int32_t view : tile.work.views) {
-        const auto& files = files_of_view_[view];
-        task.view_files.Edit().insert(task.view_files->end(), files.begin(), files.end());
-        if (classified_[view]) task.inputs.push_back(*classified_[view]);
-      }
-      tile.crop = Add(std::move(task));
+    for (PlannedTask& task :
+         PlanCrops({survey_, files_of_view_, classified_, size(), MaxCropGroupPeak_bytes(settings_)}, &tiles_)) {
+      Add(OnceAPart(std::move(task)));
     }
   }
 
@@ -182,7 +176,8 @@ class Graph {
     if (part_ != JobPart::kFine) effort.mends += 1;  // repair of the start
     PlannedTask task = OnceAPart(TaskOf(tile, kRefineKind, PredictRefine(tile.work, effort)));
     task.parameters = ToJson(RefineParameters{settings_.rounds, MethodName(), settings_.method_settings, part_});
-    task.inputs = {{tile.cut, kTileFile}, {tile.crop, kViewsFile}};
+    task.inputs = {{tile.cut, kTileFile}};
+    ReadCrops(tile, &task);
     if (tile.state) task.inputs.push_back(*tile.state);
     tile.state = PlannedInput{Add(std::move(task)), kStateFile, 0};
   }
@@ -373,7 +368,7 @@ class Graph {
     const int stage = StageOf(kMeasureKind, s);
     AddForEach(&GraphTile::sums, kSumsFile, stage, [&](const GraphTile& tile) {
       PlannedTask task = StepTask(tile, kMeasureKind, PredictMeasure(tile.work, effort), s);
-      task.inputs.push_back({tile.crop, kViewsFile});
+      ReadCrops(tile, &task);
       StepParameters parameters = ParametersOf(tile, s);
       parameters.states = ReadLatest(tiles_, &GraphTile::state, reads[tile.parameters.tile].visibility, &task);
       parameters.frozen = FrozenOf(tiles_, parameters.states, last_states_);  // all other states are of the same stage

@@ -17,9 +17,11 @@ struct GraphTile {
   TileParameters parameters;
   TileWork work;
   TaskId cut, crop;
+  std::optional<PlannedInput> coarse_crop;  // in the fine part: the crops of the coarse part
   std::optional<PlannedInput> sums, state;  // latest outputs
   bool redone = true;                       // false: an update keeps the base's state
   bool left_out = false;                    // quarantined before the fine part: it is not cut again
+  bool crop_failed = false;                 // quarantined, because its images could not be cropped
   // First stage (StageOf) without tasks, because the tile is quarantined; it keeps the state before.
   int frozen_from = std::numeric_limits<int>::max();
   bool never_started() const { return frozen_from < 0; }
@@ -36,6 +38,12 @@ inline PlannedTask TaskOf(const GraphTile& tile, const char* kind, const Predict
   task.name = absl::StrCat(kind, " tile ", task.tile);
   SetCost(cost, &task);
   return task;
+}
+
+// Adds the tile's crops to the task's inputs.
+inline void ReadCrops(const GraphTile& tile, PlannedTask* task) {
+  task->inputs.push_back({tile.crop, kViewsFile});
+  if (tile.coarse_crop) task->inputs.push_back(*tile.coarse_crop);
 }
 
 // The latest states or sums of a tile.

@@ -71,6 +71,7 @@ Status FreezeTiles(const std::vector<FailedTile>& failed, const std::vector<int>
     }
     GraphTile& tile = (*tiles)[each.tile];
     tile.frozen_from = FrozenFrom(each, good);
+    tile.crop_failed = each.kind == kCropKind;
     if (!tile.never_started() || !from_revised_base) continue;
     return absl::FailedPreconditionError(
         absl::StrCat("tile ", each.tile, " cannot keep the base job's state: the mesh has changed"));

@@ -10,6 +10,7 @@
 #include "common/job/refine_steps.h"
 #include "common/job/task_kinds.h"
 #include "server/tiling/cell_index.h"
+#include "server/tiling/crop_groups.h"
 
 namespace tessera {
 namespace {
@@ -193,6 +194,8 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
   if (from_scratch) effort.mends += 1;  // repair of the start
   const CellIndex cells(survey);
   std::vector<TileChange> changes;
+  std::map<int, TileWork> works;
+  std::vector<CroppedTile> cropped;
   for (const TileParameters& tile : tiles) {
     TileChange& change = changes.emplace_back();
     change.tile = tile;
@@ -208,13 +211,19 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
     }
     for (const auto& [reason, views] : why) change.why.push_back({reason, {views.begin(), views.end()}});
     if (change.why.empty()) continue;
-    const TileWork work = MeasureTile(cells, tile.core);
-    for (const Prediction& part :
-         {costs.Corrected(kCutKind, PredictCut(survey, work)), costs.Corrected(kCropKind, PredictCrop(work)),
-          costs.Corrected(kMeasureKind, PredictMeasure(work, effort)),
-          costs.Corrected(kSolveKind, PredictSolve(work, effort)),
-          costs.Corrected(kMendKind, PredictMend(work, effort))}) {
+    const TileWork& work = works.emplace(tile.tile, MeasureTile(cells, tile.core)).first->second;
+    cropped.push_back({tile.tile, &work});
+    for (const Prediction& part : {costs.Corrected(kCutKind, PredictCut(survey, work)),
+                                   costs.Corrected(kMeasureKind, PredictMeasure(work, effort)),
+                                   costs.Corrected(kSolveKind, PredictSolve(work, effort)),
+                                   costs.Corrected(kMendKind, PredictMend(work, effort))}) {
       change.predicted += part;
+    }
+  }
+  for (const CropGroup& group : CropGroupsOf(survey, cropped, MaxCropGroupPeak_bytes(settings))) {
+    for (TileChange& change : changes) {
+      if (!std::binary_search(group.tiles.begin(), group.tiles.end(), change.tile.tile)) continue;
+      change.predicted += costs.Corrected(kCropKind, ShareOfCrop(group, /*has_fine_part=*/false));
     }
   }
   return changes;

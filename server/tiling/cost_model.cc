@@ -49,13 +49,13 @@ constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLab
 constexpr double kTaskSeconds = 0.01;      // per task: transfer of its files
 constexpr double kFaceSeconds = 4e-6;      // per face, before the first step
 constexpr double kStateSeconds = 0.05e-6;  // per face whose state or sums a step's task reads
-constexpr double kWarpSeconds = 16e-9;     // per reference pixel, partner and evaluation
-constexpr double kDrawSeconds = 10.5e-9;   // per rendered face, view and iteration, at any level
-constexpr double kMapSeconds = 20e-9;      // per crop pixel and evaluation
+constexpr double kWarpSeconds = 32e-9;     // per reference pixel, partner and evaluation
+constexpr double kDrawSeconds = 16e-9;     // per rendered face, view and iteration, at any level
+constexpr double kMapSeconds = 28e-9;      // per crop pixel and evaluation
 // In a tiled job, tasks also render occluders and repair around the core.
-constexpr double kTileDrawShare = 1.9, kTileMendShare = 1.9;
-constexpr double kSolveSeconds = 0.65e-6;   // per face and iteration
-constexpr double kMendSeconds = 1.1e-6;     // per face and repair
+constexpr double kTileDrawShare = 1.6, kTileMendShare = 1.9;
+constexpr double kSolveSeconds = 0.85e-6;   // per face and iteration
+constexpr double kMendSeconds = 1.4e-6;     // per face and repair
 constexpr double kLabelSeconds = 50e-9;     // per crop pixel and label step
 constexpr double kLabelFaceSeconds = 2e-6;  // per face and label step
 constexpr double kDecodeSeconds = 24e-9;    // per pixel of a whole photograph
@@ -63,10 +63,10 @@ constexpr double kDecodeSeconds = 24e-9;    // per pixel of a whole photograph
 constexpr double kClassifySeconds = 0.6e-6, kClassifyClassSeconds = 0.11e-6, kClassifyFaceSeconds = 0.5e-6;
 constexpr double kClassifyPixelBytes = 140, kClassifyBytesPerFace = 250, kClassifyVisibleShare = 2;
 constexpr double kStoredClassified = 0.6;  // per pixel and class
-constexpr double kReadSeconds = 30e-9;     // per crop pixel and class
+constexpr double kReadSeconds = 10e-9;     // per crop pixel and class
 
 constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
-constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
+constexpr double kCutSecondsPerCityFace = 0.7e-6, kCutSecondsPerFace = 0.8e-6, kCutSecondsPerFaceView = 5e-9;
 constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
 // The second split: per face before and after.
 constexpr double kSecondSplitBytesPerFace = 180, kSecondSplitSecondsPerFace = 2.5e-6;
@@ -356,6 +356,8 @@ Prediction PredictCrop(const TileWork& work) {
                 LargestBatch_bytes(kCropBytes * (1 + planes) * work.largest_crop + work.largest_decoded)),
           Bytes((kStoredPixel + kStoredPlanePixel * planes) * stored_pixels)};
 }
+
+Prediction PredictFineCrop(const TileWork& work) { return {kTaskSeconds, PredictCrop(work).peak_bytes, 0}; }
 
 Prediction PredictCut(const Survey& survey, const TileWork& work) {
   const double city = static_cast<double>(survey.faces);

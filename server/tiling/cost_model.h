@@ -93,6 +93,8 @@ struct Prediction {
 // Predictions for the tasks of a tile. Of several steps: sums, but the largest memory.
 Prediction PredictCut(const Survey& survey, const TileWork& work);
 Prediction PredictCrop(const TileWork& work);
+// In the fine part of a job (JobPart), in which the crops of the coarse part nearly always hold all windows.
+Prediction PredictFineCrop(const TileWork& work);
 Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort);
 Prediction PredictSolve(const TileWork& work, const RefineEffort& effort);
 Prediction PredictMend(const TileWork& work, const RefineEffort& effort);

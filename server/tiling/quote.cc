@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/job/task_kinds.h"
+#include "server/tiling/crop_groups.h"
 #include "server/tiling/export_cost.h"
 #include "server/tiling/tiling.h"
 
@@ -65,12 +66,10 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
     tile.core = core;
     tile.work = MeasureTile(cells, core);
     tile.cut = costs.Corrected(kCutKind, PredictCut(last, tile.work));
-    tile.crop = costs.Corrected(kCropKind, PredictCrop(tile.work));
     if (effort.has_parts()) {
       const TileWork coarse = WithFaces(tile.work, effort.coarse_faces);
       tile.cut += costs.Corrected(kCutKind, PredictCut(survey, coarse));
       tile.cut += costs.Corrected(kStartKind, PredictStart(last, tile.work));
-      tile.crop += costs.Corrected(kCropKind, PredictCrop(coarse));
     }
     if (cores.size() == 1) {
       tile.refine = costs.Corrected(kRefineKind, OfParts(PredictRefine, tile.work, effort));
@@ -81,9 +80,17 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
     }
     quote.core_faces += tile.work.core_faces;
     quote.visible_faces += tile.work.visible_faces;
-    quote += tile.Total();
     quote.tiles.push_back(std::move(tile));
   }
+  std::vector<CroppedTile> cropped;
+  for (const TileQuote& tile : quote.tiles) cropped.push_back({tile.tile, &tile.work});
+  for (const CropGroup& group : CropGroupsOf(last, cropped, MaxCropGroupPeak_bytes(settings))) {
+    for (const int tile : group.tiles) {
+      quote.tiles[tile].crop = costs.Corrected(kCropKind, ShareOfCrop(group, effort.has_parts()));
+      quote.tiles[tile].crop_group = group.tiles.front();
+    }
+  }
+  for (const TileQuote& tile : quote.tiles) quote += tile.Total();
   std::set<int32_t> views;
   for (const TileQuote& tile : quote.tiles) views.insert(tile.work.views.begin(), tile.work.views.end());
   quote.classify = PredictViews(survey, views, costs);
@@ -101,8 +108,11 @@ double WallSeconds(const Quote& quote, int workers, int threads) {
       quote.ingest.core_seconds + quote.split.core_seconds + quote.publish.core_seconds + many / std::max(1, workers);
   for (const Prediction TileQuote::*stage : {&TileQuote::cut, &TileQuote::crop, &TileQuote::measure, &TileQuote::solve,
                                              &TileQuote::mend, &TileQuote::refine}) {
-    std::vector<double> tasks;
-    for (const TileQuote& tile : quote.tiles) tasks.push_back((tile.*stage).core_seconds);
+    std::vector<double> tasks(quote.tiles.size());
+    for (size_t t = 0; t < tasks.size(); ++t) {
+      const size_t task = stage == &TileQuote::crop ? quote.tiles[t].crop_group : t;
+      tasks[task] += (quote.tiles[t].*stage).core_seconds;
+    }
     seconds += Makespan(std::move(tasks), workers);
   }
   return seconds / std::max(1, threads);

@@ -16,7 +16,10 @@ struct TileQuote {
   int tile = 0;
   CellRect core;
   TileWork work;
-  Prediction cut, crop;             // of both parts of a job that splits faces twice; cut with the start of the second
+  // Of both parts of a job that splits faces twice: cut, with the start of the second part; the share of its group's
+  // crop (CropGroup), and the first tile of this group.
+  Prediction cut, crop;
+  int crop_group = 0;
   Prediction measure, solve, mend;  // of all steps: sums, but the largest memory
   Prediction refine;                // of an untiled job, instead of these
   Prediction Total() const;

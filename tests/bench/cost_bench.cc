@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -15,6 +16,7 @@
 #include "common/storage/files.h"
 #include "server/plan/graph.h"
 #include "server/tiling/cost_model.h"
+#include "server/tiling/crop_groups.h"
 
 namespace tessera {
 namespace {
@@ -60,6 +62,7 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
   // The survey that the tasks were planned from: after the second split with its number of faces.
   Survey now = survey;
   double split_again = 1;
+  bool is_fine = false;
   const int first_fine = FirstFineStepOf(settings);
   for (const json& task : job.at("tasks")) {
     if (!task.contains("used")) continue;
@@ -83,6 +86,7 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
       const double coarse = task.at("stats").at("coarse_faces"), fine = task.at("stats").at("faces");
       prediction = PredictSplit(coarse, fine);
       split_again = fine / coarse;
+      is_fine = true;
       now.faces = std::llround(fine);
     }
     if (kind == "measure" || kind == "solve") {
@@ -94,7 +98,15 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
       effort.mends = 1;
       prediction = PredictMend(work, effort);
     }
-    if (kind == "crop") prediction = PredictCrop(work);
+    if (kind == "crop") {
+      TESSERA_ASSIGN_OR_RETURN(const CropParameters crop, ParseCropParameters(task.at("parameters").dump()));
+      std::map<int, TileWork> works;
+      std::vector<CroppedTile> tiles;
+      for (const int each : crop.tiles) works[each] = WithFaces(MeasureTile(cells, cores[each]), split_again);
+      for (const int each : crop.tiles) tiles.push_back({each, &works[each]});
+      work = CropGroupsOf(survey, tiles, std::numeric_limits<int64_t>::max()).front().work;
+      prediction = is_fine ? PredictFineCrop(work) : PredictCrop(work);
+    }
     if (kind == "cut") prediction = PredictCut(now, work);
     if (kind == "ingest") prediction = PredictIngest(survey);
     if (kind == "publish") prediction = PredictPublish(now);

@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <map>
 #include <optional>
 
 #include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
+#include "server/plan/crop_tasks.h"
 
 namespace tessera {
 namespace {
@@ -25,26 +27,33 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
     fs::create_directories(link.parent_path());
     fs::create_symlink(fs::absolute(target), link);
   };
+  FetchedOnDemand on_demand;
+  for (const PlannedInput& input : planned.inputs) on_demand.AddInput(InputName(input));
+  std::map<std::string, fs::path> later;  // by name
   for (const PlannedInput& input : planned.inputs) {
-    bring(fs::path(earlier.at(input.task.value()).output_dir) / input.output.str(), InputName(input));
+    const fs::path output = fs::path(earlier.at(input.task.value()).output_dir) / input.output.str();
+    on_demand(InputName(input)) ? (void)later.emplace(InputName(input), output) : bring(output, InputName(input));
   }
-  const bool has_inspections = std::any_of(planned.inputs.begin(), planned.inputs.end(),
-                                           [](const PlannedInput& input) { return input.output == kInspectionFile; });
   for (const int file : *planned.scene_files) {
-    if (has_inspections && IsFetchedOnDemand(std::string(kSceneFolder) + "/" + scene.files.at(file))) continue;
+    if (on_demand(std::string(kSceneFolder) + "/" + scene.files.at(file))) continue;
     bring(scene.files.at(file) == kClassifierFile ? fs::path(settings.classifier)
                                                   : fs::path(scene.folder) / scene.files[file],
           std::string(kSceneFolder) + "/" + scene.files[file]);
   }
   for (const PlannedTask::ViewFile& file : *planned.view_files) {
-    bring(fs::path(scene.folder) / scene.files.at(file.file), ViewInputName(file));
+    const fs::path target = fs::path(scene.folder) / scene.files.at(file.file);
+    on_demand(ViewInputName(file)) ? (void)later.emplace(ViewInputName(file), target)
+                                   : bring(target, ViewInputName(file));
   }
   TaskRequest request = {planned.kind, planned.parameters, input_dir, task.output_dir};
   request.fetch = [&](const std::vector<std::string>& paths) -> Status {
     for (const std::string& path : paths) {
       if (FileExists(path)) continue;
       const std::string name = fs::path(path).lexically_relative(input_dir).generic_string();
-      bring(fs::path(scene.folder) / fs::path(name).lexically_relative(kSceneFolder), name);
+      const auto found = later.find(name);
+      bring(found != later.end() ? found->second
+                                 : fs::path(scene.folder) / fs::path(name).lexically_relative(kSceneFolder),
+            name);
     }
     return absl::OkStatus();
   };
@@ -111,6 +120,9 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
     }
     if (planned() != kSplitKind) return tasks;
     fine = FinePart{"", TaskId(static_cast<int>(tasks.size()) - 1), static_cast<int>(tasks.size())};
+    for (size_t t = 0; t < tasks.size(); ++t) {
+      fine->crops.merge(CropsByTile(tasks[t].planned, TaskId(static_cast<int>(t))));
+    }
     TESSERA_ASSIGN_OR_RETURN(fine->survey, ReadFile(tasks.back().output_dir + "/" + kSurveyFile));
     for (const FailedTile& tile : quarantined) {
       if (!tile.fine) fine->left_out.push_back(tile.tile);

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/plan/crop_tasks.h"
 #include "tests/support/fake_coordinator.h"
 
 namespace tessera {
@@ -17,6 +18,7 @@ class RowPlanner : public FakePlanner {
   RowPlanner() { exchange = true; }
   int steps = 3;
   int first_fine = 0;           // first step after the second split; 0: none
+  bool crops = false;           // the solve tasks read a crop of all tiles; a task a tile once it has failed
   std::vector<CellRect> cores;  // of the tiles, in the parameters of their cuts; none: parameters as FakePlanner
 
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
@@ -49,6 +51,14 @@ class RowPlanner : public FakePlanner {
       states.push_back(fine == nullptr ? PlannedInput{TaskId(0), "mesh", tile}
                                        : PlannedInput{fine->split, kMovedFile, tile});
     }
+    std::vector<TaskId> crop_of(tiles);
+    if (crops) {
+      tasks = Crops(tiles, quarantined);
+      for (size_t t = 0; t < tasks.size(); ++t) {
+        for (const auto& [tile, crop] : CropsByTile(tasks[t], TaskId(first + static_cast<int>(t))))
+          crop_of[tile] = crop;
+      }
+    }
     for (int step = begin; step < end; ++step) {
       std::vector<PlannedInput> made = states;
       for (int tile = 0, cut = cut_first - 1; tile < tiles; ++tile) {
@@ -60,6 +70,7 @@ class RowPlanner : public FakePlanner {
         PlannedTask task{
             kSolveKind, "solve tile " + std::to_string(tile) + " step " + std::to_string(step), tile, "", 1, {}};
         task.inputs.push_back({TaskId(cut), kTileFile});
+        if (crops) task.inputs.push_back({crop_of[tile], kViewsFile});
         for (int other = std::max(0, tile - 1); other < std::min(tiles, tile + 2); ++other) {
           task.inputs.push_back(states[other]);
           if (step >= ends[other]) parameters.frozen.push_back(other);
@@ -81,6 +92,22 @@ class RowPlanner : public FakePlanner {
   }
 
  private:
+  static std::vector<PlannedTask> Crops(int tiles, const std::vector<FailedTile>& quarantined) {
+    std::vector<int> all;
+    bool failed = false;
+    for (int tile = 0; tile < tiles; ++tile) {
+      const auto is_crop_of = [&](const FailedTile& each) { return each.tile == tile && each.kind == kCropKind; };
+      const bool of_tile = std::any_of(quarantined.begin(), quarantined.end(), is_crop_of);
+      failed = failed || of_tile;
+      if (!of_tile) all.push_back(tile);
+    }
+    std::vector<PlannedTask> tasks;
+    if (!failed) return {{kCropKind, "crop all tiles", 0, ToJson(CropParameters{all}), 1, {}}};
+    for (const int tile : all) {
+      tasks.push_back({kCropKind, "crop tile " + std::to_string(tile), tile, ToJson(CropParameters{{tile}}), 1, {}});
+    }
+    return tasks;
+  }
   static bool IsLeftOut(const FinePart& fine, int tile) {
     return std::find(fine.left_out.begin(), fine.left_out.end(), tile) != fine.left_out.end();
   }

@@ -1,7 +1,6 @@
 // Which inputs of a task are fetched before it runs, and which when it asks for them.
 #pragma once
 
-#include <algorithm>
 #include <map>
 #include <string>
 #include <utility>
@@ -16,10 +15,10 @@ namespace tessera {
 class OnDemand {
  public:
   OnDemand(const std::vector<TaskInput>& inputs, const std::string& input_dir) {
-    const auto is_inspection = [](const TaskInput& input) { return input.name.ends_with(kInspectionFile); };
-    const bool has_inspections = std::any_of(inputs.begin(), inputs.end(), is_inspection);
+    FetchedOnDemand on_demand;
+    for (const TaskInput& input : inputs) on_demand.AddInput(input.name);
     for (const TaskInput& input : inputs) {
-      if (has_inspections && IsFetchedOnDemand(input.name)) {
+      if (on_demand(input.name)) {
         later_.emplace(input_dir + "/" + input.name, input);
       } else {
         others_.push_back(input);

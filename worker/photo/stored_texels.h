@@ -62,10 +62,10 @@ struct StoredTexels : TexelShape {
 class ViewPixels {
  public:
   virtual ~ViewPixels() = default;
-  // The part of the whole image.
+  // The part of the whole image that the view's user needs.
   virtual const PixelRect& rect() const = 0;
   virtual bool has_likelihoods() const = 0;
-  // A pyramid level, valid while this object lives. DATA_LOSS if the file is damaged.
+  // A pyramid level of this part, or of more. Valid while this object lives. DATA_LOSS if the file is damaged.
   virtual StatusOr<StoredTexels> Level(int level) const = 0;
 };
 

@@ -12,7 +12,8 @@ namespace tessera {
 StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(StepTask task, OpenStepTask(request, 0, 0));
-  TESSERA_ASSIGN_OR_RETURN(TileImages* const images, task.work->Images(InputPath(request, kViewsFile), task.options));
+  const std::vector<std::string> crops = CropsOf(request, task.work->package().tile);
+  TESSERA_ASSIGN_OR_RETURN(TileImages* const images, task.work->Images(crops, task.options));
   const double seconds_opening = SecondsSince(clock, start_us);
   StepSums sums;
   TESSERA_RETURN_IF_ERROR(

@@ -17,7 +17,8 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(TilePackage package, ReadTilePackage(InputPath(request, kTileFile)));
   TileWorkspace work(std::move(package));
   TESSERA_ASSIGN_OR_RETURN(const TileRefineOptions options, MethodOptions(parameters, work.package()));
-  TESSERA_ASSIGN_OR_RETURN(TileImages* const images, work.Images(InputPath(request, kViewsFile), options));
+  const std::vector<std::string> crops = CropsOf(request, work.package().tile);
+  TESSERA_ASSIGN_OR_RETURN(TileImages* const images, work.Images(crops, options));
   std::shared_ptr<const MappedState> start;
   if (parameters.part == JobPart::kFine) {
     TESSERA_ASSIGN_OR_RETURN(start,

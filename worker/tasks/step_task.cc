@@ -29,7 +29,7 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
   task.at = steps[p.step];
   std::vector<std::string> paths;
   for (const int tile : p.states) paths.push_back(InputPath(request, TileInputName(tile, kStateFile)));
-  TESSERA_ASSIGN_OR_RETURN(const std::string contents, StatesKey(paths));
+  TESSERA_ASSIGN_OR_RETURN(const std::string contents, ContentsKey(paths));
   task.states_key = absl::StrCat(contents, absl::StrJoin(p.frozen, ","), ";", p.first_new_face);
   const uint8_t region = task.at.labels() ? label_region : iteration_region;
   if (auto kept = task.work->kept_snapshot().Take(task.states_key, region)) {
@@ -42,6 +42,13 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
   }
   if (p.continues_base) task.snapshot.report = "{}";
   return task;
+}
+
+std::vector<std::string> CropsOf(const TaskRequest& request, int tile) {
+  std::vector<std::string> paths = {InputPath(request, kViewsFile)};
+  std::string coarse = InputPath(request, TileInputName(tile, kViewsFile));
+  if (FileExists(coarse)) paths.push_back(std::move(coarse));
+  return paths;
 }
 
 void CountSeams(TileSnapshot* snapshot) {

@@ -1,8 +1,9 @@
-// Inputs and warnings that the tasks of a step share: measure, solve and repair.
+// Inputs and warnings that several tasks of a tile share: refine, measure, solve and repair.
 #pragma once
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "common/base/status.h"
 #include "common/job/task_parameters.h"
@@ -25,6 +26,9 @@ struct StepTask {
 // label steps and `iteration_region` in iterations; 0: nothing is required. Errors as those of the files;
 // INVALID_ARGUMENT for parameters that do not fit.
 StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region, uint8_t iteration_region);
+
+// Paths of the tile's crops among the inputs; in the fine part of a job (JobPart), then those of the coarse part.
+std::vector<std::string> CropsOf(const TaskRequest& request, int tile);
 
 // Adds the differences that Assemble counted to the report of the snapshot.
 void CountSeams(TileSnapshot* snapshot);

@@ -15,7 +15,7 @@ struct TaskRequest {
   std::string parameters;  // canonical JSON, made by server/plan
   std::string input_dir;   // inputs by name (names may contain folders), read-only
   std::string output_dir;  // initially empty
-  // Brings inputs that are fetched on demand (IsFetchedOnDemand) into input_dir. Call it from the task's thread.
+  // Brings inputs that are fetched on demand (FetchedOnDemand) into input_dir. Call it from the task's thread.
   FetchFiles fetch = {};
 };
 

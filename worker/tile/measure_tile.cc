@@ -1,6 +1,7 @@
 #include "worker/tile/measure_tile.h"
 
 #include <algorithm>
+#include <cmath>
 #include <span>
 
 #include "common/base/elapsed.h"
@@ -15,27 +16,77 @@ namespace {
 constexpr double kMapBytes = 10;  // per pixel: face map, luminance
 constexpr int kMostShares = 16;   // each reads all face maps
 constexpr int64_t kVertexGrain = 1 << 14;
+constexpr int kBandRows = 64;  // that are read at once, in the width of the crop
 
-// Sets FaceMap::face to -1 where the photograph has no luminance.
-void KeepLit(const PixelRect& rect, std::span<const uint16_t> luminance, FaceMap* map) {
-  for (int y = 0; y < map->height; ++y) {
-    for (int x = 0; x < map->width; ++x) {
-      const int u = map->x0 + x, v = map->y0 + y;
-      const bool inside = u >= rect.x0 && v >= rect.y0 && u < rect.x1 && v < rect.y1;
-      const size_t at = static_cast<size_t>(v - rect.y0) * rect.width() + (u - rect.x0);
-      if (!inside || luminance[at] == 0) map->face[static_cast<size_t>(y) * map->width + x] = -1;
-    }
-  }
-}
-
-// The values of one of the level's arrays: a copy in `buffer`, which takes less time than mapping its pages, or the
-// mapped ones.
+// The values: a copy in `buffer`, which takes less time than mapping their pages, or the mapped ones.
 template <class T>
 std::span<const T> Read(const StoredTexels& level, std::span<const T> values, std::vector<T>* buffer) {
   buffer->resize(values.size());
   if (level.copy && level.copy(values.data(), values.size_bytes(), buffer->data())) return *buffer;
   return values;
 }
+
+// Sets FaceMap::face to -1 where the photograph has no luminance.
+void KeepLit(const StoredTexels& level, FaceMap* map) {
+  const PixelRect& rect = level.rect;
+  const auto width = static_cast<size_t>(rect.width());
+  std::vector<uint16_t> buffer;
+  std::span<const uint16_t> band;
+  int band_begin = 0, band_end = 0;  // rows of the image
+  for (int y = 0; y < map->height; ++y) {
+    const int v = map->y0 + y;
+    const bool has_row = v >= rect.y0 && v < rect.y1;
+    if (has_row && (v < band_begin || v >= band_end)) {
+      band_begin = v;
+      band_end = std::min({v + kBandRows, rect.y1, map->y0 + map->height});
+      band = Read(level, level.luminance.subspan((v - rect.y0) * width, (band_end - v) * width), &buffer);
+    }
+    for (int x = 0; x < map->width; ++x) {
+      const int u = map->x0 + x;
+      const bool lit = has_row && u >= rect.x0 && u < rect.x1 && band[(v - band_begin) * width + (u - rect.x0)] != 0;
+      if (!lit) map->face[static_cast<size_t>(y) * map->width + x] = -1;
+    }
+  }
+}
+
+// The part of a level's likelihoods that AddLikelihoods samples for a window.
+struct LikelihoodWindow {
+  LikelihoodSteps steps;
+  PixelMapping mapping;
+  std::vector<uint8_t> buffer;  // of `steps`
+
+  void Load(const StoredTexels& level, const PixelRect& window) {
+    mapping = level.mapping;
+    steps = {level.likelihood_width, level.likelihood_height, level.likelihoods, Texels::kLikelihoodSteps};
+    // Likelihoods finer than the photograph would exceed the bound of the batch.
+    if (level.likelihood_values() > level.pixels() * static_cast<size_t>(level.classes)) return;
+    // The first of the two likelihoods that bilinear interpolation takes at the pixel.
+    const auto low = [](int pixel, double scale, double offset, int origin, int size) {
+      return std::clamp(static_cast<int>(std::floor(scale * (pixel + 0.5) + offset - 0.5)) - origin, 0, size - 1);
+    };
+    const PixelMapping& m = level.mapping;
+    const int columns = level.likelihood_width, rows = level.likelihood_height;
+    const int x0 = low(window.x0, m.scale_x, m.offset_x, m.first_x, columns),
+              y0 = low(window.y0, m.scale_y, m.offset_y, m.first_y, rows),
+              x1 = std::min(columns, low(window.x1 - 1, m.scale_x, m.offset_x, m.first_x, columns) + 2),
+              y1 = std::min(rows, low(window.y1 - 1, m.scale_y, m.offset_y, m.first_y, rows) + 2);
+    mapping.first_x += x0;
+    mapping.first_y += y0;
+    buffer.resize(static_cast<size_t>(level.classes) * (x1 - x0) * (y1 - y0));
+    steps = {x1 - x0, y1 - y0, buffer, Texels::kLikelihoodSteps};
+    const auto width = static_cast<size_t>(columns);
+    std::vector<uint8_t> whole_rows;
+    uint8_t* to = buffer.data();
+    for (int c = 0; c < level.classes; ++c) {
+      for (int y = y0; y < y1; y += kBandRows) {
+        const auto count = static_cast<size_t>(std::min(kBandRows, y1 - y));
+        const auto band = level.likelihoods.subspan((static_cast<size_t>(c) * rows + y) * width, count * width);
+        const std::span<const uint8_t> read = Read(level, band, &whole_rows);
+        for (size_t row = 0; row < count; ++row) to = std::copy_n(&read[row * width + x0], x1 - x0, to);
+      }
+    }
+  }
+};
 
 // Draws each view once, several at a time, and adds its likelihoods to the faces that it shows: for each face in the
 // order of the views.
@@ -59,14 +110,12 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
     const PixelRect& window = visible.windows[v];
     if (window.empty() || !views[v].pixels->has_likelihoods()) continue;
     seen.push_back(v);
-    const PixelRect& stored = views[v].pixels->rect();
-    largest_bytes = std::max(largest_bytes, kMapBytes * window.width() * window.height() +
-                                                static_cast<double>(sums.classes) * stored.width() * stored.height());
+    largest_bytes = std::max(largest_bytes, (kMapBytes + sums.classes) * window.width() * window.height());
   }
   const auto at_once = static_cast<size_t>(ItemsAtOnce(largest_bytes));
   Rasterizer rasterizer;
   std::vector<FaceMap> maps;
-  std::vector<std::vector<uint8_t>> likelihoods(std::min(at_once, seen.size()));
+  std::vector<LikelihoodWindow> likelihoods(std::min(at_once, seen.size()));
   for (size_t first = 0; first < seen.size(); first += at_once) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(first) / static_cast<double>(seen.size()), "collecting likelihoods");
@@ -82,28 +131,20 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
       windows.emplace_back(views[v].camera, visible.windows[v]);
     }
     rasterizer.DrawParts(mesh, parts, windows, &maps, kNearPlane_m, selections);
-    std::vector<StatusOr<StoredTexels>> levels(batch.size());
+    std::vector<Status> read(batch.size());
     ParallelForEach(batch.size(), 1, [&](size_t i) {
       const size_t v = batch[i];
-      levels[i] = views[v].pixels->Level(0);
-      if (!levels[i].ok()) return;
-      if (package.views[views[v].index].masked) {
-        std::vector<uint16_t> luminance;
-        KeepLit(levels[i]->rect, Read(*levels[i], levels[i]->luminance, &luminance), &maps[i]);
-      }
-      // Likelihoods finer than the photograph would exceed the bound of the batch.
-      if (levels[i]->likelihood_values() <= levels[i]->pixels() * static_cast<size_t>(sums.classes)) {
-        levels[i]->likelihoods = Read(*levels[i], levels[i]->likelihoods, &likelihoods[i]);
-      }
+      const StatusOr<StoredTexels> level = views[v].pixels->Level(0);
+      read[i] = level.status();
+      if (!level.ok()) return;
+      if (package.views[views[v].index].masked) KeepLit(*level, &maps[i]);
+      likelihoods[i].Load(*level, visible.windows[v]);
     });
-    for (const auto& level : levels) TESSERA_RETURN_IF_ERROR(level.status());
+    for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
     const int shares = std::min(ThreadCount(), kMostShares);
     ParallelForEach(shares, 1, [&](int share) {
       for (size_t i = 0; i < batch.size(); ++i) {
-        const StoredTexels& level = *levels[i];
-        AddLikelihoods(maps[i],
-                       {level.likelihood_width, level.likelihood_height, level.likelihoods, Texels::kLikelihoodSteps},
-                       level.mapping, own, &sums, {share, shares});
+        AddLikelihoods(maps[i], likelihoods[i].steps, likelihoods[i].mapping, own, &sums, {share, shares});
       }
     });
   }

@@ -181,11 +181,11 @@ Status WriteTilePackage(const std::string& path, const TilePackage& p) {
   return WriteArrayFile(path, file);
 }
 
-StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
+// `metadata`: of the file at `path`.
+static StatusOr<TilePackage> ParseTileViews(const std::string& metadata, const std::string& path) {
   TilePackage p;
   std::string classes, borders, views;
-  TESSERA_RETURN_IF_ERROR(ReadMetadata(file.metadata, file.name, [&](const json& j) {
+  TESSERA_RETURN_IF_ERROR(ReadMetadata(metadata, path, [&](const json& j) {
     p.tile = j.at("tile");
     p.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
     p.ground.axis_y = VectorFromJson(j.at("ground_axis_y"));
@@ -214,6 +214,17 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
                                             " ids and ", p.view_rects.size(), " windows of ", p.views.size(),
                                             " views"));
   }
+  return p;
+}
+
+StatusOr<TilePackage> ReadTileViews(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const MappedArrays file, MappedArrays::Open(path));
+  return ParseTileViews(file.metadata(), path);
+}
+
+StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
+  TESSERA_ASSIGN_OR_RETURN(TilePackage p, ParseTileViews(file.metadata, path));
   TESSERA_ASSIGN_OR_RETURN(p.mesh, TakeMesh(&file));
   const int64_t vertices = static_cast<int64_t>(p.mesh.vertices.size());
   const int64_t faces = static_cast<int64_t>(p.mesh.faces.size());

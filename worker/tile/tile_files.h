@@ -72,6 +72,8 @@ struct TilePackage {
 
 Status WriteTilePackage(const std::string& path, const TilePackage& package);
 StatusOr<TilePackage> ReadTilePackage(const std::string& path);
+// Without the mesh and the cells.
+StatusOr<TilePackage> ReadTileViews(const std::string& path);
 
 // Sums over some faces, by ascending global id: either derivatives or likelihoods, the others are empty.
 struct FaceSumsById {

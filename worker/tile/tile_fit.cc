@@ -23,7 +23,7 @@ using nlohmann::json;
 
 constexpr size_t kFitPoints = 3000, kFitPairs = 48, kFitPatches = 60;  // of a tile; of a pair
 constexpr int64_t kFitPixels = 12'000'000;                             // larger crops are compared on a coarser level
-constexpr int64_t kPixelGrain = 1 << 17;
+constexpr int64_t kRowGrain = 64;
 constexpr double kFitAngle_cos = 0.2;                                  // between normal and ray: 78 degrees
 constexpr double kLeastWorseShare = 0.01;                              // of the patches
 constexpr double kChangedZncc = 0.05;                                  // smaller changes are noise
@@ -114,7 +114,7 @@ void KeepSeen(const CoreSurface& surface, const std::vector<FacePoint>& points, 
   });
 }
 
-// A crop as the comparison of patches reads it.
+// The window of a view as the comparison of patches reads it.
 struct CropImage {
   FloatImage luminance;
   PatchView view;
@@ -122,22 +122,29 @@ struct CropImage {
 
 StatusOr<std::unique_ptr<CropImage>> LoadCrop(const RefineView& view) {
   int level = 0;
-  StatusOr<StoredTexels> stored = view.pixels->Level(0);
-  while (stored.ok() && static_cast<int64_t>(stored->pixels()) > kFitPixels && level + 1 < kTexelLevels) {
-    stored = view.pixels->Level(++level);
+  TexelShape shape;
+  shape.rect = view.pixels->rect();
+  while (static_cast<int64_t>(shape.pixels()) > kFitPixels && level + 1 < kTexelLevels) {
+    shape = shape.Half();
+    ++level;
   }
-  TESSERA_RETURN_IF_ERROR(stored.status());
+  TESSERA_ASSIGN_OR_RETURN(const StoredTexels stored, view.pixels->Level(level));
+  const PixelRect &part = shape.rect, &all = stored.rect;
   auto crop = std::make_unique<CropImage>();
-  crop->luminance = FloatImage(stored->rect.width(), stored->rect.height());
-  ParallelForEach(stored->luminance.size(), kPixelGrain, [&](size_t i) {
-    const uint16_t code = stored->luminance[i];
-    crop->luminance.data[i] = code == 0 ? std::nanf("") : static_cast<float>(code - 1) / Texels::kLuminanceSteps;
+  crop->luminance = FloatImage(part.width(), part.height());
+  ParallelForEach(part.height(), kRowGrain, [&](int64_t row) {
+    const size_t from = static_cast<size_t>(part.y0 - all.y0 + row) * all.width() + (part.x0 - all.x0);
+    float* const to = &crop->luminance.data[static_cast<size_t>(row) * part.width()];
+    for (int x = 0; x < part.width(); ++x) {
+      const uint16_t code = stored.luminance[from + x];
+      to[x] = code == 0 ? std::nanf("") : static_cast<float>(code - 1) / Texels::kLuminanceSteps;
+    }
   });
-  if (stored->release) stored->release();
+  if (stored.release) stored.release();
   crop->view = {&crop->luminance, PyramidCamera(view.camera, level)};
   PinholeCamera& intrinsics = crop->view.camera.intrinsics;
-  intrinsics.cx -= stored->rect.x0, intrinsics.cy -= stored->rect.y0;
-  intrinsics.width = stored->rect.width(), intrinsics.height = stored->rect.height();
+  intrinsics.cx -= part.x0, intrinsics.cy -= part.y0;
+  intrinsics.width = part.width(), intrinsics.height = part.height();
   return crop;
 }
 

@@ -19,6 +19,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "common/arrays/mapped_arrays.h"
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
@@ -38,7 +39,7 @@ constexpr uint64_t kPartBytes = uint64_t{1} << 18;  // that are copied at once; 
 
 // Metadata of a view in the file: the shape of level 0.
 struct Crop {
-  int view = 0;
+  int32_t view = 0;  // index in the survey
   TexelShape shape;
 };
 
@@ -57,17 +58,16 @@ int LikelihoodLevel(const TexelShape& first, int level) { return first.same_reso
 
 ImagePart PartOf(const PixelRect& rect) { return {rect.x0, rect.y0, rect.x1, rect.y1}; }
 
-bool HasLikelihoods(const TilePackage& package, const SceneView& view) {
-  return package.has_likelihoods && !view.likelihood_path.empty();
+int ClassesOf(const ViewWindows& windows, const SceneView& view) {
+  return view.likelihood_path.empty() ? 0 : windows.classes;
 }
 
 // The shape of level 0, from the headers of the view's files.
-StatusOr<TexelShape> ShapeOf(const TilePackage& package, const std::string& folder, int view_index) {
-  const SceneView& view = package.views[view_index];
+StatusOr<TexelShape> ShapeOf(const ViewWindows::Window& window, int classes, const std::string& folder) {
+  const SceneView& view = window.view;
   TexelShape shape;
-  shape.rect = package.view_rects[view_index];
-  if (!HasLikelihoods(package, view)) return shape;
-  const int classes = static_cast<int>(package.classes.size());
+  shape.rect = window.rect;
+  if (classes == 0) return shape;
   TESSERA_ASSIGN_OR_RETURN(const LikelihoodExtent extent,
                            ReadLikelihoodExtent(folder + "/" + view.likelihood_path, classes, view.lens,
                                                 PartOf(shape.rect), view.likelihood_form));
@@ -86,9 +86,7 @@ struct LoadedCrop {
   std::array<std::vector<uint8_t>, kTexelLevels> likelihoods;
 };
 
-StatusOr<LoadedCrop> ReadCrop(const TilePackage& package, const std::string& folder, int view_index,
-                              const TexelShape& shape) {
-  const SceneView& view = package.views[view_index];
+StatusOr<LoadedCrop> ReadCrop(const SceneView& view, const std::string& folder, const TexelShape& shape) {
   LoadedCrop crop;
   {
     TESSERA_ASSIGN_OR_RETURN(const FloatImage image, ReadLuminancePart(folder + "/" + view.image_path, view.lens,
@@ -118,11 +116,10 @@ StatusOr<LoadedCrop> ReadCrop(const TilePackage& package, const std::string& fol
 
 // Bound on the memory of ReadCrop, not below that of PredictCrop (server/tiling): floats of the crop's planes before
 // and after undistortion, and the decoded files.
-double BytesToRead(const TilePackage& package, int view) {
-  const PixelRect& rect = package.view_rects[view];
-  const PinholeCamera& whole = package.views[view].camera.intrinsics;
-  const double planes = package.has_likelihoods ? static_cast<double>(package.classes.size()) : 0;
-  return 8 * (1 + planes) * rect.width() * rect.height() + 4 * (1 + planes) * whole.width * whole.height;
+double BytesToRead(const ViewWindows::Window& window, int classes) {
+  const PinholeCamera& whole = window.view.camera.intrinsics;
+  const double planes = 1 + classes;
+  return 8 * planes * window.rect.width() * window.rect.height() + 4 * planes * whole.width * whole.height;
 }
 
 json ToJson(const Crop& crop) {
@@ -147,22 +144,20 @@ Crop ParseCrop(const json& j) {
 // Writes crops in any order.
 class CropWriter {
  public:
-  // `views`: of the crops; `shapes`: of their level 0.
-  static StatusOr<CropWriter> Create(const std::string& path, int tile, const std::vector<int>& views,
-                                     const std::vector<TexelShape>& shapes) {
-    json crops = json::array();
+  static StatusOr<CropWriter> Create(const std::string& path, const std::vector<int>& tiles,
+                                     const std::vector<Crop>& crops) {
+    json metadata = {{"tiles", tiles}, {"crops", json::array()}};
     std::vector<ArrayFileWriter::Array> arrays;
-    for (size_t crop = 0; crop < views.size(); ++crop) {
-      crops.push_back(ToJson({views[crop], shapes[crop]}));
-      const std::vector<TexelShape> levels = LevelsOf(shapes[crop]);
+    for (size_t i = 0; i < crops.size(); ++i) {
+      metadata["crops"].push_back(ToJson(crops[i]));
+      const std::vector<TexelShape> levels = LevelsOf(crops[i].shape);
       for (int l = 0; l < kTexelLevels; ++l) {
-        arrays.push_back({LuminanceName(crop, l), std::vector<uint16_t>(), levels[l].pixels()});
-        if (levels[l].likelihood_values() == 0 || LikelihoodLevel(shapes[crop], l) != l) continue;
-        arrays.push_back({LikelihoodName(crop, l), std::vector<uint8_t>(), levels[l].likelihood_values()});
+        arrays.push_back({LuminanceName(i, l), std::vector<uint16_t>(), levels[l].pixels()});
+        if (levels[l].likelihood_values() == 0 || LikelihoodLevel(crops[i].shape, l) != l) continue;
+        arrays.push_back({LikelihoodName(i, l), std::vector<uint8_t>(), levels[l].likelihood_values()});
       }
     }
-    TESSERA_ASSIGN_OR_RETURN(
-        auto file, ArrayFileWriter::Create(path, json{{"tile", tile}, {"crops", crops}}.dump(), std::move(arrays)));
+    TESSERA_ASSIGN_OR_RETURN(auto file, ArrayFileWriter::Create(path, metadata.dump(), std::move(arrays)));
     return CropWriter(std::move(file));
   }
 
@@ -276,12 +271,12 @@ StatusOr<std::shared_ptr<const CropsFile>> OpenCrops(const std::string& path) {
   return file;
 }
 
-// One crop of a shared file.
+// A window of one crop of a shared file.
 class FilePixels : public ViewPixels {
  public:
-  FilePixels(std::shared_ptr<const CropsFile> file, size_t index, const TexelShape& first)
-      : file_(std::move(file)), index_(index), levels_(LevelsOf(first)) {}
-  const PixelRect& rect() const override { return levels_.front().rect; }
+  FilePixels(std::shared_ptr<const CropsFile> file, size_t index, const TexelShape& first, const PixelRect& window)
+      : file_(std::move(file)), index_(index), levels_(LevelsOf(first)), window_(window) {}
+  const PixelRect& rect() const override { return window_; }
   bool has_likelihoods() const override { return levels_.front().classes > 0; }
   StatusOr<StoredTexels> Level(int level) const override {
     StoredTexels out;
@@ -314,38 +309,96 @@ class FilePixels : public ViewPixels {
   std::shared_ptr<const CropsFile> file_;
   size_t index_;
   std::vector<TexelShape> levels_;
+  PixelRect window_;
 };
+
+// The crops of a file that has those of `tile`.
+struct CropsOfFile {
+  std::shared_ptr<const CropsFile> file;
+  std::vector<Crop> crops;
+
+  // The crop that contains the window; null if there is none.
+  const Crop* Find(int32_t view, const PixelRect& window) const {
+    const auto found = std::find_if(crops.begin(), crops.end(), [&](const Crop& crop) {
+      return crop.view == view && crop.shape.rect.Contains(window);
+    });
+    return found == crops.end() ? nullptr : &*found;
+  }
+};
+
+StatusOr<CropsOfFile> ReadCropsOf(int tile, const std::string& path) {
+  CropsOfFile out;
+  TESSERA_ASSIGN_OR_RETURN(out.file, OpenCrops(path));
+  try {
+    const json metadata = json::parse(out.file->arrays().metadata());
+    const std::vector<int> tiles = metadata.at("tiles");
+    if (!std::binary_search(tiles.begin(), tiles.end(), tile)) {
+      return absl::DataLossError(
+          absl::StrCat(path, ": found crops of tiles ", absl::StrJoin(tiles, ", "), ", expected those of tile ", tile));
+    }
+    for (const json& crop : metadata.at("crops")) out.crops.push_back(ParseCrop(crop));
+  } catch (const json::exception& e) {
+    return absl::DataLossError(path + ": found invalid metadata, expected that of crops: " + e.what());
+  }
+  return out;
+}
 
 }  // namespace
 
-Status CropTileViews(const TilePackage& package, const std::string& folder, const std::string& path,
-                     const TaskControl& control) {
-  std::vector<int> shown;
+Status AddWindows(const TilePackage& package, const std::string& earlier, ViewWindows* windows) {
+  CropsOfFile cropped;
+  if (!earlier.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(cropped, ReadCropsOf(package.tile, earlier));
+  }
+  windows->tiles.push_back(package.tile);
+  if (package.has_likelihoods) windows->classes = static_cast<int>(package.classes.size());
+  for (size_t v = 0; v < package.views.size(); ++v) {
+    const PixelRect& rect = package.view_rects[v];
+    if (rect.empty() || cropped.Find(package.view_ids[v], rect) != nullptr) continue;
+    PixelRect all = rect;
+    auto [each, last] = windows->of_view.equal_range(package.view_ids[v]);
+    while (each != last) {
+      const PixelRect both = all.With(each->second.rect);
+      if (both.area() > all.area() + each->second.rect.area()) {  // far apart
+        ++each;
+        continue;
+      }
+      all = both;
+      each = windows->of_view.erase(each);
+    }
+    windows->of_view.insert({package.view_ids[v], {package.views[v], all}});
+  }
+  return absl::OkStatus();
+}
+
+Status CropViews(const ViewWindows& windows, const std::string& folder, const std::string& path,
+                 const TaskControl& control) {
+  std::vector<const ViewWindows::Window*> shown;
+  std::vector<Crop> crops;
   double largest_bytes = 0;
-  for (int v = 0; v < static_cast<int>(package.views.size()); ++v) {
-    if (package.view_rects[v].empty()) continue;
-    shown.push_back(v);
-    largest_bytes = std::max(largest_bytes, BytesToRead(package, v));
+  for (const auto& [id, window] : windows.of_view) {
+    shown.push_back(&window);
+    crops.push_back({id, {}});
+    largest_bytes = std::max(largest_bytes, BytesToRead(window, ClassesOf(windows, window.view)));
   }
   // The file begins with the sizes of all crops.
-  std::vector<TexelShape> shapes(shown.size());
   std::vector<Status> found(shown.size());
   ParallelForEach(shown.size(), 1, [&](size_t i) {
-    StatusOr<TexelShape> shape = ShapeOf(package, folder, shown[i]);
+    StatusOr<TexelShape> shape = ShapeOf(*shown[i], ClassesOf(windows, shown[i]->view), folder);
     found[i] = shape.status();
-    if (shape.ok()) shapes[i] = *shape;
+    if (shape.ok()) crops[i].shape = *shape;
   });
   for (const Status& status : found) TESSERA_RETURN_IF_ERROR(status);
-  TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path, package.tile, shown, shapes));
+  TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path, windows.tiles, crops));
   const auto at_once = static_cast<size_t>(ItemsAtOnce(largest_bytes));
   for (size_t first = 0; first < shown.size(); first += at_once) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.9 * static_cast<double>(first) / static_cast<double>(shown.size()), "reading images");
-    std::vector<StatusOr<LoadedCrop>> crops(std::min(at_once, shown.size() - first));
-    ParallelForEach(crops.size(), 1,
-                    [&](size_t i) { crops[i] = ReadCrop(package, folder, shown[first + i], shapes[first + i]); });
-    for (size_t i = 0; i < crops.size(); ++i) {
-      TESSERA_ASSIGN_OR_RETURN(const LoadedCrop crop, std::move(crops[i]));
+    std::vector<StatusOr<LoadedCrop>> loaded(std::min(at_once, shown.size() - first));
+    ParallelForEach(loaded.size(), 1,
+                    [&](size_t i) { loaded[i] = ReadCrop(shown[first + i]->view, folder, crops[first + i].shape); });
+    for (size_t i = 0; i < loaded.size(); ++i) {
+      TESSERA_ASSIGN_OR_RETURN(const LoadedCrop crop, std::move(loaded[i]));
       writer.Add(first + i, crop);
     }
   }
@@ -353,30 +406,33 @@ Status CropTileViews(const TilePackage& package, const std::string& folder, cons
   return writer.Finish();
 }
 
-StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(const std::shared_ptr<const CropsFile> file, OpenCrops(path));
+StatusOr<std::vector<RefineView>> OpenTileViews(const TilePackage& package, const std::vector<std::string>& paths) {
+  std::vector<CropsOfFile> files;
+  for (const std::string& path : paths) {
+    TESSERA_ASSIGN_OR_RETURN(files.emplace_back(), ReadCropsOf(package.tile, path));
+  }
   std::vector<RefineView> views;
-  try {
-    const json metadata = json::parse(file->arrays().metadata());
-    if (metadata.at("tile") != package.tile) {
-      return absl::DataLossError(absl::StrCat(path, ": found crops of tile ", metadata.at("tile").get<int>(),
-                                              ", expected those of tile ", package.tile));
-    }
-    for (const json& j : metadata.at("crops")) {
-      const Crop crop = ParseCrop(j);
-      if (crop.view < 0 || static_cast<size_t>(crop.view) >= package.views.size() || crop.shape.rect.empty()) {
-        return absl::DataLossError(absl::StrCat(path, ": crop ", views.size(), ": found view ", crop.view,
-                                                ", expected one of ", package.views.size()));
+  for (size_t v = 0; v < package.views.size(); ++v) {
+    const PixelRect& window = package.view_rects[v];
+    if (window.empty()) continue;
+    std::shared_ptr<const ViewPixels> pixels;
+    for (const CropsOfFile& file : files) {
+      const Crop* const crop = pixels == nullptr ? file.Find(package.view_ids[v], window) : nullptr;
+      if (crop != nullptr) {
+        pixels = std::make_shared<FilePixels>(file.file, crop - file.crops.data(), crop->shape, window);
       }
-      const auto& [near_m, far_m] = package.view_depths[crop.view];
-      views.push_back({package.views[crop.view].camera,
-                       std::make_shared<FilePixels>(file, views.size(), crop.shape),
-                       {static_cast<float>(near_m), static_cast<float>(far_m)},
-                       package.view_ids[crop.view],
-                       crop.view});
     }
-  } catch (const json::exception& e) {
-    return absl::DataLossError(path + ": found invalid metadata, expected that of crops: " + e.what());
+    if (pixels == nullptr) {
+      return absl::DataLossError(absl::StrCat(absl::StrJoin(paths, ", "), ": found no crop of view ",
+                                              package.view_ids[v], " with the pixels that tile ", package.tile,
+                                              " needs"));
+    }
+    const auto& [near_m, far_m] = package.view_depths[v];
+    views.push_back({package.views[v].camera,
+                     std::move(pixels),
+                     {static_cast<float>(near_m), static_cast<float>(far_m)},
+                     package.view_ids[v],
+                     static_cast<int>(v)});
   }
   return views;
 }

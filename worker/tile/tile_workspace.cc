@@ -38,7 +38,7 @@ IdleCache<TileWorkspace>& IdleWorkspaces() {
 
 }  // namespace
 
-StatusOr<std::string> StatesKey(const std::vector<std::string>& paths) {
+StatusOr<std::string> ContentsKey(const std::vector<std::string>& paths) {
   std::string key;
   for (const std::string& path : paths) {
     TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(path));
@@ -63,10 +63,11 @@ StatusOr<std::shared_ptr<TileWorkspace>> TileWorkspace::Open(const std::string& 
 
 void TrimIdleWorkspaces() { IdleWorkspaces().Trim(); }
 
-StatusOr<TileImages*> TileWorkspace::Images(const std::string& views_path, const TileRefineOptions& options) {
-  TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(views_path));
+StatusOr<TileImages*> TileWorkspace::Images(const std::vector<std::string>& crop_paths,
+                                            const TileRefineOptions& options) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentsKey(crop_paths));
   if (images_ == nullptr || images_content_ != content) {
-    TESSERA_ASSIGN_OR_RETURN(std::vector<RefineView> views, OpenTileViews(package_, views_path));
+    TESSERA_ASSIGN_OR_RETURN(std::vector<RefineView> views, OpenTileViews(package_, crop_paths));
     images_ = std::make_unique<TileImages>(package_, std::move(views), options);
     images_content_ = content;
   }

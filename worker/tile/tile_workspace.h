@@ -61,7 +61,7 @@ struct RegionRepair {
 // An assembled snapshot, for the next task that reads the same states.
 class KeptSnapshot {
  public:
-  // `states_key`: identifies the states and the other arguments of Assemble except the region (StatesKey).
+  // `states_key`: identifies the states and the other arguments of Assemble except the region (ContentsKey).
   void Keep(std::string states_key, TileSnapshot snapshot);
   // The snapshot, if its key is `states_key` and its states cover `region`. Forgets it in any case.
   std::optional<TileSnapshot> Take(const std::string& states_key, uint8_t region);
@@ -101,8 +101,8 @@ class TileWorkspace {
 
   const TilePackage& package() const { return package_; }
 
-  // The views of the crops at `views_path`, opened at the first call. Errors as OpenTileViews.
-  StatusOr<TileImages*> Images(const std::string& views_path, const TileRefineOptions& options);
+  // The views of the crops at these paths, opened at the first call. Errors as OpenTileViews.
+  StatusOr<TileImages*> Images(const std::vector<std::string>& crop_paths, const TileRefineOptions& options);
   // Stepper of the solve region that moves the core's vertices, with the labels and frozen vertices of `snapshot`. Made
   // again only if the frozen vertices change.
   Stepper& SolveStepper(const TileSnapshot& snapshot, const TileRefineOptions& options);
@@ -187,6 +187,6 @@ class TileWorkspace {
 void TrimIdleWorkspaces();
 
 // Identifies the contents of the files at `paths`. NOT_FOUND if one does not exist.
-StatusOr<std::string> StatesKey(const std::vector<std::string>& paths);
+StatusOr<std::string> ContentsKey(const std::vector<std::string>& paths);
 
 }  // namespace tessera

@@ -1,6 +1,8 @@
 // A rectangular part of a camera's image, and the camera of a pyramid level.
 #pragma once
 
+#include <algorithm>
+
 #include "common/imaging/camera.h"
 
 namespace tessera {
@@ -11,6 +13,14 @@ struct PixelRect {
   int width() const { return x1 - x0; }
   int height() const { return y1 - y0; }
   bool empty() const { return x1 <= x0 || y1 <= y0; }
+  double area() const { return static_cast<double>(width()) * height(); }
+  bool Contains(const PixelRect& part) const {
+    return x0 <= part.x0 && y0 <= part.y0 && x1 >= part.x1 && y1 >= part.y1;
+  }
+  // The smallest rectangle that contains both.
+  PixelRect With(const PixelRect& other) const {
+    return {std::min(x0, other.x0), std::min(y0, other.y0), std::max(x1, other.x1), std::max(y1, other.y1)};
+  }
   bool operator==(const PixelRect&) const = default;
 };
 

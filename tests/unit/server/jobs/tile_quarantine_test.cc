@@ -18,6 +18,7 @@
 namespace tessera {
 namespace {
 
+namespace fs = std::filesystem;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
@@ -31,10 +32,12 @@ class TileQuarantineTest : public CoordinatorTest {
     coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &row_, &clock_, {}}, options_);
   }
   Status SucceedAny(const std::string& worker, const GrantedLease& lease) {
-    if (lease.plan.kind != kSolveKind && lease.plan.kind != kSplitKind) return Succeed(worker, lease);
+    const InternedString& kind = lease.plan.kind;
+    if (kind != kSolveKind && kind != kSplitKind && kind != kCropKind) return Succeed(worker, lease);
     ReportedResult result;
-    const bool split = lease.plan.kind == kSplitKind;
-    for (const char* name : split ? std::vector{kCityFile, kMovedFile, kSurveyFile} : std::vector{kStateFile}) {
+    for (const char* name : kind == kSplitKind  ? std::vector{kCityFile, kMovedFile, kSurveyFile}
+                            : kind == kCropKind ? std::vector{kViewsFile}
+                                                : std::vector{kStateFile}) {
       result.outputs.push_back({name, *blobs_->PutBytes(name + lease.key)});
     }
     return ReportSuccessAndWait(*coordinator_, worker, lease.task, lease.attempt, result);
@@ -235,6 +238,55 @@ TEST_F(TileQuarantineTest, RetriedJobEndsLikeAnUndisturbedOne) {
   const std::string again = Create(AJob(4));
   EXPECT_TRUE(WorkAll({}).empty());
   EXPECT_EQ(Published(again), published);
+}
+
+// The first tile of a shared crop is quarantined, and the others are cropped without it.
+TEST_F(TileQuarantineTest, TilesContinueWithoutTheirSharedCrop) {
+  row_.crops = true;
+  const std::string job = Create(AJob(3));
+  const std::map<std::string, int> runs = WorkAll({"crop all tiles"});
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial);
+  EXPECT_THAT(Job(job).header.error, HasSubstr("tile 0 was quarantined: 'crop all tiles' failed"));
+  EXPECT_EQ(Job(job).tiles_done, 2);
+  EXPECT_FALSE(runs.contains("crop tile 0"));
+  EXPECT_EQ(runs.at("crop tile 2"), 1);
+  EXPECT_FALSE(runs.contains("solve tile 0 step 0"));
+  EXPECT_EQ(runs.at("solve tile 1 step 2"), 1);
+}
+
+// The tile that would be quarantined is quarantined already, because of a later step.
+TEST_F(TileQuarantineTest, SharedCropThatIsLostAndFailsThenEnds) {
+  row_.crops = true;
+  const std::string job = Create(AJob(3)), worker = Worker();
+  int turns = 0, crops = 0;
+  std::optional<Digest> crop;
+  bool lost = false;
+  for (; turns < 200 && !HasEnded(Job(job).header.state); ++turns) {
+    clock_.Advance(61);  // retry delays
+    const auto lease = Lease(worker);
+    if (!lease) continue;
+    const std::string& name = lease->plan.name;
+    if (name == "crop all tiles" && lost) {
+      ++crops;
+      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPoison).ok());
+    } else if (name == "solve tile 0 step 1") {
+      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPoison).ok());
+    } else if (name == "solve tile 2 step 2" && !lost) {
+      lost = true;
+      fs::remove(*blobs_->LocalPath(*crop));
+      ASSERT_TRUE(ReportFailureAndWait(*coordinator_, worker, lease->task, lease->attempt,
+                                       {ErrorClass::kLostInput, "lost", {*crop}})
+                      .ok());
+    } else {
+      if (name == "crop all tiles") crop = *blobs_->PutBytes(kViewsFile + lease->key);
+      ASSERT_TRUE(SucceedAny(worker, *lease).ok());
+    }
+  }
+  EXPECT_TRUE(lost);
+  EXPECT_GT(crops, 0);
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "after " << turns << " turns";
+  EXPECT_EQ(Job(job).tiles_done, 2);
+  EXPECT_THAT(Job(job).header.error, HasSubstr("tile 0 was quarantined: 'crop all tiles' failed"));
 }
 
 // A job that splits faces twice.

@@ -62,12 +62,13 @@ TEST(ClassifyTasks, TasksDoNotDependOnTiles) {
         EXPECT_EQ(InputName(task.inputs.back()), kBordersFile);
         EXPECT_TRUE(ParseCutParameters(task.parameters)->borders);
       } else if (task.kind == kCropKind) {
-        ASSERT_EQ(task.inputs.size(), 1 + task.view_files->size());
+        const size_t packages = ParseCropParameters(task.parameters)->tiles.size();
+        ASSERT_EQ(task.inputs.size(), packages + task.view_files->size());
         for (size_t i = 0; i < task.view_files->size(); ++i) {
           const int32_t view = (*task.view_files)[i].view;
           EXPECT_TRUE(made.contains(view));
-          EXPECT_EQ(InputName(task.inputs[1 + i]), ViewFileName(view, true));
-          EXPECT_EQ(tasks[task.inputs[1 + i].task.value()].name, "classify view " + std::to_string(view));
+          EXPECT_EQ(InputName(task.inputs[packages + i]), ViewFileName(view, true));
+          EXPECT_EQ(tasks[task.inputs[packages + i].task.value()].name, "classify view " + std::to_string(view));
         }
       }
     }

@@ -7,12 +7,14 @@
 
 #include "common/job/refine_steps.h"
 #include "common/job/task_parameters.h"
+#include "server/plan/crop_tasks.h"
 #include "server/plan/graph.h"
 #include "tests/support/small_surveys.h"
 
 namespace tessera {
 namespace {
 
+using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
@@ -43,7 +45,10 @@ std::vector<PlannedTask> PlanOf(const Survey& survey, const JobSettings& setting
   if (tasks.back().kind == kCutKind) append(PlanSteps(settings, SurveyToJson(survey), files, reads));
   if (tasks.back().kind == kPublishKind) return tasks;
   const int size = static_cast<int>(tasks.size());
-  const FinePart fine = {SurveyToJson(survey), TaskId(size - 1), size};
+  FinePart fine = {SurveyToJson(survey), TaskId(size - 1), size};
+  for (int t = 0; t < size; ++t) {
+    fine.crops.merge(CropsByTile(tasks[t], TaskId(t)));
+  }
   append(PlanTiles(settings, SurveyToJson(survey), files, nullptr, &fine));
   if (tasks.back().kind == kCutKind) {
     append(PlanSteps(settings, SurveyToJson(survey), files, reads, nullptr, {}, &fine));
@@ -100,7 +105,9 @@ TEST(Plan, EveryInputIsAnOutputOfAnEarlierTask) {
         ASSERT_LT(input.task.value(), static_cast<int>(t));
         const PlannedTask& producer = tasks[input.task.value()];
         EXPECT_TRUE(kOutputs.at(producer.kind).contains(input.output)) << producer.kind << " " << input.output;
-        if (input.tile >= 0) {
+        if (producer.kind == kCropKind && input.tile >= 0) {
+          EXPECT_THAT(ParseCropParameters(producer.parameters)->tiles, Contains(input.tile));
+        } else if (input.tile >= 0) {
           EXPECT_EQ(producer.tile, input.tile);
         }
       }
@@ -115,25 +122,28 @@ TEST(Plan, OneTileIsRefinedByOneTask) {
   settings.method_settings.iterations = {2};
   EXPECT_THAT(Lines(PlanOf(RandomSurvey(20, 20, 0.8, 3), settings, {})),
               ElementsAre("ingest", "cut tile 0: city.arrays of ingest, plain.json of ingest",
-                          "crop tile 0: tile.arrays of cut tile 0",
+                          "crop tile 0: 0000/tile.arrays of cut tile 0",
                           "refine tile 0: tile.arrays of cut tile 0, views.arrays of crop tile 0",
                           "publish: city.arrays of ingest, plain.json of ingest, 0000/state.arrays of refine tile 0"));
 }
 
 TEST(Plan, FinestLevelHasFacesOfItsOwn) {
   const std::vector<PlannedTask> tasks = PlanOf(RandomSurvey(20, 20, 0.8, 3), 1);
-  EXPECT_THAT(Lines(tasks),
-              ElementsAre("ingest", "cut tile 0: city.arrays of ingest, plain.json of ingest",
-                          "crop tile 0: tile.arrays of cut tile 0",
-                          "refine tile 0: tile.arrays of cut tile 0, views.arrays of crop tile 0",
-                          "split: city.arrays of ingest, survey.json of ingest, 0000/state.arrays of refine tile 0",
-                          "cut tile 0, finest level: city.arrays of split, plain.json of split",
-                          "start tile 0, finest level: city.arrays of split, plain.json of split, moved.arrays of split",
-                          "crop tile 0, finest level: tile.arrays of cut tile 0, finest level",
-                          "refine tile 0, finest level: tile.arrays of cut tile 0, finest level, views.arrays of crop "
-                          "tile 0, finest level, 0000/state.arrays of start tile 0, finest level",
-                          "publish: city.arrays of split, plain.json of split, 0000/state.arrays of refine tile 0, "
-                          "finest level"));
+  EXPECT_THAT(
+      Lines(tasks),
+      ElementsAre("ingest", "cut tile 0: city.arrays of ingest, plain.json of ingest",
+                  "crop tile 0: 0000/tile.arrays of cut tile 0",
+                  "refine tile 0: tile.arrays of cut tile 0, views.arrays of crop tile 0",
+                  "split: city.arrays of ingest, survey.json of ingest, 0000/state.arrays of refine tile 0",
+                  "cut tile 0, finest level: city.arrays of split, plain.json of split",
+                  "start tile 0, finest level: city.arrays of split, plain.json of split, moved.arrays of split",
+                  "crop tile 0, finest level: 0000/tile.arrays of cut tile 0, finest level, "
+                  "0000/views.arrays of crop tile 0",
+                  "refine tile 0, finest level: tile.arrays of cut tile 0, finest level, views.arrays of crop "
+                  "tile 0, finest level, 0000/views.arrays of crop tile 0, 0000/state.arrays of start tile 0, "
+                  "finest level",
+                  "publish: city.arrays of split, plain.json of split, 0000/state.arrays of refine tile 0, "
+                  "finest level"));
   EXPECT_TRUE(ParseIngestParameters(tasks[0].parameters)->coarse_faces);
   EXPECT_EQ(ParseCutParameters(tasks[1].parameters)->coarsest_level, 2);
   EXPECT_EQ(ParseCutParameters(tasks[5].parameters)->coarsest_level, 0);
@@ -155,7 +165,7 @@ TEST(Plan, TilesOfTheFinestLevelCoverItsCells) {
   split.cells.push_back(split.cells.back());
   ++split.cells.back().x;
   std::erase_if(split.cells, [&](const SurveyCell& cell) { return cores[1].Contains({cell.x, cell.y}); });
-  const FinePart fine = {SurveyToJson(split), TaskId(90), 91, {2}};
+  const FinePart fine = {SurveyToJson(split), TaskId(90), 91, {2}, {{0, TaskId(7)}, {1, TaskId(7)}, {3, TaskId(8)}}};
   const auto cuts = PlanTiles(settings, SurveyToJson(survey), files, nullptr, &fine);
   ASSERT_TRUE(cuts.ok()) << cuts.status();
   std::vector<CellRect> grown;
@@ -177,10 +187,15 @@ TEST(Plan, TilesOfTheFinestLevelCoverItsCells) {
                                {{.tile = 2, .kind = kSolveKind, .step = 3}}, &fine);
   ASSERT_TRUE(steps.ok()) << steps.status();
   std::vector<std::string> first;
-  for (size_t t = 0; t < 5; ++t) first.push_back((*steps)[t].name);
+  for (size_t t = 0; t < 4; ++t) first.push_back((*steps)[t].name);
   EXPECT_THAT(first, ElementsAre("start tile 0, finest level", "start tile 2, finest level",
-                                 "start tile 3, finest level", "crop tile 0, finest level",
-                                 "crop tile 3, finest level"));
+                                 "start tile 3, finest level", "crop tiles 0 to 3, finest level"));
+  std::vector<std::pair<std::string, TaskId>> read;
+  for (const PlannedInput& input : (*steps)[3].inputs) read.emplace_back(InputName(input), input.task);
+  EXPECT_THAT(
+      read, ElementsAre(testing::Pair("0000/tile.arrays", TaskId(91)), testing::Pair("0000/views.arrays", TaskId(7)),
+                        testing::Pair("0003/tile.arrays", TaskId(92)), testing::Pair("0003/views.arrays", TaskId(8))));
+  EXPECT_EQ((*steps)[3].parameters, R"({"coarse":[0,3],"tiles":[0,3]})");
   const auto publish = ParsePublishParameters(steps->back().parameters);
   EXPECT_THAT(publish->quarantined, ElementsAre(2));
   EXPECT_TRUE(publish->tiles[1].core.empty());
@@ -207,7 +222,7 @@ TEST(Plan, FourTilesExchangeAtEveryStep) {
     for (const char* tile : {" tile 0", " tile 1", " tile 2", " tile 3"}) expected.push_back(kind + tile + rest);
   };
   of_tiles("cut", "");
-  of_tiles("crop", "");
+  expected.push_back("crop tiles 0 to 3");
   of_tiles("measure", " step 0");
   of_tiles("solve", " step 0");
   of_tiles("mend", " before step 1");
@@ -226,7 +241,7 @@ TEST(Plan, FourTilesExchangeAtEveryStep) {
     return Line(tasks, tasks[it - names.begin()]);
   };
   EXPECT_EQ(line("measure tile 1 step 0"),
-            "measure tile 1 step 0: tile.arrays of cut tile 1, views.arrays of crop tile 1");
+            "measure tile 1 step 0: tile.arrays of cut tile 1, views.arrays of crop tiles 0 to 3");
   EXPECT_EQ(line("solve tile 3 step 0"),
             "solve tile 3 step 0: tile.arrays of cut tile 3, 0002/sums.arrays of measure tile 2 step 0, "
             "0003/sums.arrays of measure tile 3 step 0");
@@ -234,7 +249,7 @@ TEST(Plan, FourTilesExchangeAtEveryStep) {
             "mend tile 3 before step 1: tile.arrays of cut tile 3, 0002/state.arrays of solve tile 2 step 0, "
             "0003/state.arrays of solve tile 3 step 0");
   EXPECT_EQ(line("measure tile 1 step 1"),
-            "measure tile 1 step 1: tile.arrays of cut tile 1, views.arrays of crop tile 1, "
+            "measure tile 1 step 1: tile.arrays of cut tile 1, views.arrays of crop tiles 0 to 3, "
             "0000/state.arrays of mend tile 0 before step 1, 0001/state.arrays of mend tile 1 before step 1, "
             "0002/state.arrays of mend tile 2 before step 1, 0003/state.arrays of mend tile 3 before step 1");
   EXPECT_EQ(line("solve tile 2 step 2"),
@@ -243,7 +258,7 @@ TEST(Plan, FourTilesExchangeAtEveryStep) {
             "0001/state.arrays of solve tile 1 step 1, 0002/state.arrays of solve tile 2 step 1, "
             "0003/state.arrays of solve tile 3 step 1");
   EXPECT_EQ(line("measure tile 3 step 3"),
-            "measure tile 3 step 3: tile.arrays of cut tile 3, views.arrays of crop tile 3, "
+            "measure tile 3 step 3: tile.arrays of cut tile 3, views.arrays of crop tiles 0 to 3, "
             "0003/state.arrays of mend tile 3 step 2");
   EXPECT_EQ(line("publish"),
             "publish: city.arrays of ingest, plain.json of ingest, 0000/state.arrays of solve tile 0 step 3, "
@@ -341,21 +356,53 @@ TEST(Plan, CutParametersContainAllCores) {
 TEST(Plan, CropReadsAllViewsOfItsCells) {
   const Survey survey = RandomSurvey(12, 12, 0.8, 5);
   const std::vector<std::string> all = FilesOf(survey);
+  const auto cores = Cores(survey, 5);
+  std::vector<int> cropped;
   for (const PlannedTask& task : PlanOf(survey, 5)) {
     if (task.kind != "crop") continue;
     std::set<std::string> files;
     for (const PlannedTask::ViewFile& file : *task.view_files) files.insert(all.at(file.file));
-    const auto cores = Cores(survey, 5);
-    for (const SurveyCell& cell : survey.cells) {
-      if (!cores[task.tile].Contains({cell.x, cell.y})) continue;
-      for (const int32_t v : cell.views) {
-        EXPECT_TRUE(files.contains(survey.views[v].image_path));
-        if (!survey.views[v].likelihood_path.empty()) {
-          EXPECT_TRUE(files.contains(survey.views[v].likelihood_path));
+    EXPECT_EQ(files.size(), task.view_files->size());
+    const auto parameters = ParseCropParameters(task.parameters);
+    ASSERT_TRUE(parameters.ok()) << parameters.status();
+    for (const int tile : parameters->tiles) {
+      cropped.push_back(tile);
+      for (const SurveyCell& cell : survey.cells) {
+        if (!cores[tile].Contains({cell.x, cell.y})) continue;
+        for (const int32_t v : cell.views) {
+          EXPECT_TRUE(files.contains(survey.views[v].image_path));
+          if (!survey.views[v].likelihood_path.empty()) {
+            EXPECT_TRUE(files.contains(survey.views[v].likelihood_path));
+          }
         }
       }
     }
   }
+  EXPECT_THAT(cropped, ElementsAre(0, 1, 2, 3, 4, 0, 1, 2, 3, 4)) << "in both parts";
+}
+
+// The tile of a crop that failed for good is quarantined; each of the others is cropped alone. Tiles that are
+// quarantined later on stay in their group, whose crops are made.
+TEST(Plan, QuarantinedTilesAreNotCropped) {
+  const Survey survey = SeenFromAbove(20);
+  const auto crops = [&](const std::vector<FailedTile>& failed, int cut = 4) {
+    const std::vector<TileReads> reads(cut, TileReads{{0, 1, 2, 3}, {0, 1, 2, 3}, {0, 1, 2, 3}, {0, 1, 2, 3}});
+    const auto steps = PlanSteps({.tiles = 4}, SurveyToJson(survey), FilesOf(survey), reads, nullptr, failed);
+    EXPECT_TRUE(steps.ok()) << steps.status();
+    std::vector<std::string> found;
+    for (const PlannedTask& task : *steps) {
+      if (task.kind == kCropKind) found.push_back(task.name + " " + task.parameters + " " + std::to_string(task.tile));
+    }
+    return found;
+  };
+  const std::string all = R"(crop tiles 0 to 3 {"tiles":[0,1,2,3]} 0)";
+  EXPECT_THAT(crops({}), ElementsAre(all));
+  EXPECT_THAT(crops({{.tile = 0, .kind = kSolveKind, .step = 3}}), ElementsAre(all));
+  EXPECT_THAT(crops({{.tile = 0, .kind = kMeasureKind, .step = 0}}), ElementsAre(all));
+  EXPECT_THAT(crops({{.tile = 0, .kind = kCutKind}}, 3), ElementsAre(R"(crop tiles 1 to 3 {"tiles":[1,2,3]} 1)"));
+  EXPECT_THAT(crops({{.tile = 0, .kind = kCropKind}}),
+              ElementsAre(R"(crop tile 1 {"tiles":[1]} 1)", R"(crop tile 2 {"tiles":[2]} 2)",
+                          R"(crop tile 3 {"tiles":[3]} 3)"));
 }
 
 TEST(Plan, MissingFileOfAViewIsNamed) {

@@ -129,6 +129,26 @@ TEST_F(AgentTest, InspectedImagesAreFetchedOnDemand) {
   EXPECT_EQ(coordinator_.blobs().read_offsets().size(), 2u) << "{} and b, which stay in the cache";
 }
 
+// So does a crop that reads earlier crops, of which it needs few images or none.
+TEST_F(AgentTest, ViewsOfEarlierCropsAreFetchedOnDemand) {
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  AddInput(lease, "0002/tile.arrays", "tile");
+  AddInput(lease, "0002/views.arrays", "crops");
+  AddInput(lease, "views/000003.image", "a");
+  AddInput(lease, "views/000003.likelihoods", "b");
+  coordinator_.Queue(lease);
+  StartAgent([](const TaskRequest& request, const TaskControl& control) {
+    EXPECT_TRUE(fs::exists(request.input_dir + "/0002/tile.arrays"));
+    EXPECT_TRUE(fs::exists(request.input_dir + "/0002/views.arrays"));
+    EXPECT_FALSE(fs::exists(request.input_dir + "/views"));
+    EXPECT_TRUE(request.fetch({request.input_dir + "/views/000003.image"}).ok());
+    EXPECT_EQ(ReadFile(request.input_dir + "/views/000003.image").value(), "a");
+    EXPECT_FALSE(fs::exists(request.input_dir + "/views/000003.likelihoods"));
+    return Concatenate(request, control);
+  });
+  EXPECT_TRUE(WaitForReport().has_success());
+}
+
 // The error of a fetch on demand is that of the input.
 TEST_F(AgentTest, ImageThatIsLostOnDemandFailsTheAttempt) {
   v1::Lease lease = NewLease("jobs/1/tasks/1");

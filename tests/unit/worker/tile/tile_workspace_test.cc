@@ -133,16 +133,16 @@ TEST_F(TileWorkspaceTest, SnapshotIsKeptForTheSameStatesAndRegion) {
   for (const Region region : {kSolveRegion, kRepairRegion, kLabelRegion}) EXPECT_FALSE(taken(*own, "a", region));
 }
 
-TEST_F(TileWorkspaceTest, StatesKeyFollowsTheContents) {
+TEST_F(TileWorkspaceTest, ContentsKeyFollowsTheContents) {
   const std::string a = testing::TempDir() + "/key_a", b = testing::TempDir() + "/key_b";
   ASSERT_TRUE(WriteFileAtomic(a, "1").ok() && WriteFileAtomic(b, "1").ok());
-  const std::string both = *StatesKey({a, b});
-  EXPECT_EQ(*StatesKey({a, b}), both);
-  EXPECT_NE(*StatesKey({b, a}), both);
-  EXPECT_NE(*StatesKey({a}), both);
+  const std::string both = *ContentsKey({a, b});
+  EXPECT_EQ(*ContentsKey({a, b}), both);
+  EXPECT_NE(*ContentsKey({b, a}), both);
+  EXPECT_NE(*ContentsKey({a}), both);
   ASSERT_TRUE(WriteFileAtomic(b, "2").ok());
-  EXPECT_NE(*StatesKey({a, b}), both);
-  EXPECT_EQ(StatesKey({a, b + "_none"}).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_NE(*ContentsKey({a, b}), both);
+  EXPECT_EQ(ContentsKey({a, b + "_none"}).status().code(), absl::StatusCode::kNotFound);
 }
 
 TEST_F(TileWorkspaceTest, DifferencesBetweenTilesAreCounted) {
