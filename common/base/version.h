@@ -5,6 +5,6 @@
 namespace tessera {
 
 // It is part of every task's key. Coordinator and workers must have the same version.
-inline constexpr char kAlgorithmVersion[] = "27";
+inline constexpr char kAlgorithmVersion[] = "28";
 
 }  // namespace tessera

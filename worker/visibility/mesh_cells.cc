@@ -1,16 +1,17 @@
 #include "worker/visibility/mesh_cells.h"
 
 #include <algorithm>
-#include <cmath>
+#include <array>
 #include <cstring>
+#include <span>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/box_kernel.h"
 
 namespace tessera {
 namespace {
 
 constexpr int64_t kCellGrain = 16;
-constexpr int kRounding_px = 2;  // error bound of projected corners and of the rasteriser's grid
 
 void Append(uint32_t begin, uint32_t end, std::vector<std::array<uint32_t, 2>>* ranges) {
   if (begin == end) return;
@@ -63,43 +64,27 @@ void FindVertexCells(const std::vector<Triangle>& faces, MeshCells* cells) {
   });
 }
 
-PixelRect PixelsOf(const CameraWindow& view, const Eigen::AlignedBox3d& box, double near_m, int margin_px) {
-  if (box.isEmpty()) return {};
-  const PixelRect& domain = view.rect;
-  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
-  int behind = 0;
-  const PinholeCamera& k = view.camera.intrinsics;
-  const Eigen::Vector3d lowest = view.camera.CameraFromWorld(box.min());
-  const Eigen::Matrix3d edges = view.camera.rotation_cam_from_world * box.sizes().asDiagonal();
-  for (int c = 0; c < 8; ++c) {
-    Eigen::Vector3d p = lowest;
-    for (int axis = 0; axis < 3; ++axis) {
-      if (c >> axis & 1) p += edges.col(axis);
-    }
-    if (!(p.z() >= near_m)) {
-      ++behind;
-      continue;
-    }
-    const double scale = 1 / p.z(), x = k.fx * scale * p.x() + k.cx, y = k.fy * scale * p.y() + k.cy;
-    x0 = std::min(x0, x);
-    x1 = std::max(x1, x);
-    y0 = std::min(y0, y);
-    y1 = std::max(y1, y);
-  }
-  if (behind == 8) return {};
-  if (behind > 0) return domain;
-  const int margin = margin_px + kRounding_px;
-  const auto clip = [](double x, int low, int high) {
-    return static_cast<int>(std::clamp(x, static_cast<double>(low), static_cast<double>(high)));
-  };
-  return {clip(std::floor(x0 - margin), domain.x0, domain.x1), clip(std::floor(y0 - margin), domain.y0, domain.y1),
-          clip(std::ceil(x1 + margin), domain.x0, domain.x1), clip(std::ceil(y1 + margin), domain.y0, domain.y1)};
-}
-
 std::vector<Eigen::AlignedBox3d> RunsOf(const std::vector<Eigen::AlignedBox3d>& boxes) {
   std::vector<Eigen::AlignedBox3d> runs((boxes.size() + kRunCells - 1) / kRunCells);
   for (size_t c = 0; c < boxes.size(); ++c) runs[c / kRunCells].extend(boxes[c]);
   return runs;
+}
+
+std::vector<BoxPixels> BoxesInWindow(const CameraWindow& window, const std::vector<Eigen::AlignedBox3d>& boxes,
+                                     const std::vector<Eigen::AlignedBox3d>& runs, double near_m) {
+  std::vector<PixelRect> of_runs(runs.size());
+  BoundPixels(window, runs, near_m, of_runs);
+  std::vector<BoxPixels> in_window;
+  std::array<PixelRect, kRunCells> pixels;
+  for (size_t run = 0; run < runs.size(); ++run) {
+    if (of_runs[run].empty()) continue;
+    const size_t first = run * kRunCells, count = std::min(kRunCells, boxes.size() - first);
+    BoundPixels(window, std::span(boxes).subspan(first, count), near_m, pixels);
+    for (size_t i = 0; i < count; ++i) {
+      if (!pixels[i].empty()) in_window.push_back({static_cast<uint32_t>(first + i), pixels[i]});
+    }
+  }
+  return in_window;
 }
 
 CellBoxes::CellBoxes(const TriangleMesh& mesh, const MeshCells* cells)
@@ -117,12 +102,7 @@ CellBoxes::CellBoxes(const TriangleMesh& mesh, const MeshCells* cells)
 MeshPart CellBoxes::InWindow(const CameraWindow& window, double near_m) const {
   if (boxes_.empty()) return all_;
   std::vector<uint32_t> cells;
-  for (size_t run = 0; run < runs_.size(); ++run) {
-    if (PixelsOf(window, runs_[run], near_m, 0).empty()) continue;
-    for (size_t c = run * kRunCells; c < std::min(boxes_.size(), (run + 1) * kRunCells); ++c) {
-      if (!PixelsOf(window, boxes_[c], near_m, 0).empty()) cells.push_back(static_cast<uint32_t>(c));
-    }
-  }
+  for (const BoxPixels& in_window : BoxesInWindow(window, boxes_, runs_, near_m)) cells.push_back(in_window.box);
   return PartOf(cells);
 }
 

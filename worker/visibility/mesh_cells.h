@@ -53,6 +53,15 @@ inline constexpr size_t kRunCells = 16;
 // Bounds of so many consecutive boxes each.
 std::vector<Eigen::AlignedBox3d> RunsOf(const std::vector<Eigen::AlignedBox3d>& boxes);
 
+// A box that a window may show, and where (BoundPixels).
+struct BoxPixels {
+  uint32_t box = 0;
+  PixelRect pixels;
+};
+// The boxes that the window may show, ascending. `runs`: of RunsOf.
+std::vector<BoxPixels> BoxesInWindow(const CameraWindow& window, const std::vector<Eigen::AlignedBox3d>& boxes,
+                                     const std::vector<Eigen::AlignedBox3d>& runs, double near_m);
+
 // Bounding boxes of the cells' faces at their current positions. `cells` must outlive the object; null: the mesh is
 // one cell, and InWindow always returns all of it.
 class CellBoxes {
@@ -69,9 +78,5 @@ class CellBoxes {
   std::vector<Eigen::AlignedBox3d> boxes_, runs_;  // of cells, and of kRunCells cells
   MeshPart all_;
 };
-
-// Bounds of the pixels of a window that may show something of a box, grown by `margin_px` and by rounding. The whole
-// window if the box reaches closer than `near_m`.
-PixelRect PixelsOf(const CameraWindow& view, const Eigen::AlignedBox3d& box, double near_m, int margin_px);
 
 }  // namespace tessera

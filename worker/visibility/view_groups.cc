@@ -1,17 +1,17 @@
 #include "worker/visibility/view_groups.h"
 
 #include <algorithm>
-#include <cassert>
-#include <cstring>
+#include <bit>
+#include <span>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/bit_raster.h"
 
 namespace tessera {
 namespace {
 
 constexpr int64_t kRowGrain = 64;
-constexpr int kRun_px = 16;        // pixels that are tested together
-constexpr int32_t kMostWords = 8;  // that a range of faces is compared with
+constexpr int kRun_px = 16;  // pixels that are tested together
 
 }  // namespace
 
@@ -22,78 +22,86 @@ std::vector<uint8_t> ViewGroups::SelectedIn(size_t view) const {
   return out;
 }
 
-FaceBits::FaceBits(const std::vector<uint8_t>& flags) : words_((flags.size() + 63) / 64) {
+FaceBits::FaceBits(const std::vector<uint8_t>& flags) : words_((flags.size() + 63) / 64), before_(words_.size()) {
   for (size_t f = 0; f < flags.size(); ++f) words_[f / 64] |= static_cast<uint64_t>(flags[f] != 0) << (f % 64);
+  for (size_t w = 1; w < words_.size(); ++w) {
+    before_[w] = before_[w - 1] + static_cast<uint32_t>(std::popcount(words_[w - 1]));
+  }
 }
 
 FaceBits::Share FaceBits::Of(int32_t first, int32_t last) const {
   const int32_t begin = first >> 6, end = last >> 6;
-  if (end - begin >= kMostWords) return Share::kSome;
-  uint64_t any = 0, missing = 0;
-  for (int32_t w = begin; w <= end; ++w) {
-    uint64_t mask = ~uint64_t{0};
-    if (w == begin) mask &= ~uint64_t{0} << (first & 63);
-    if (w == end) mask &= ~uint64_t{0} >> (63 - (last & 63));
-    any |= words_[w] & mask;
-    missing |= ~words_[w] & mask;
+  const uint64_t from_first = ~uint64_t{0} << (first & 63), to_last = ~uint64_t{0} >> (63 - (last & 63));
+  bool any = false, missing = false;
+  const auto add = [&](int32_t word, uint64_t mask) {
+    any |= (words_[word] & mask) != 0;
+    missing |= (~words_[word] & mask) != 0;
+  };
+  if (begin == end) {
+    add(begin, from_first & to_last);
+  } else {
+    add(begin, from_first);
+    add(end, to_last);
+    const uint32_t between = before_[end] - before_[begin + 1];
+    any |= between != 0;
+    missing |= between != static_cast<uint32_t>(end - begin - 1) * 64;
   }
-  return any == 0 ? Share::kNone : missing == 0 ? Share::kAll : Share::kSome;
+  return !any ? Share::kNone : missing ? Share::kSome : Share::kAll;
 }
+
+namespace {
+
+// Sets the bits of the columns that show a face with a flag in `own`.
+void MarkOwn(const FaceBits& own, std::span<const int32_t> face, std::span<uint64_t> row) {
+  const auto width = static_cast<int>(face.size());
+  for (int x = 0; x < width; x += kRun_px) {
+    const int end = std::min(width, x + kRun_px);
+    // No face is a large number without sign.
+    auto low = static_cast<uint32_t>(face[x]), any = low;
+    int32_t high = face[x];
+    for (int k = x + 1; k < end; ++k) {
+      low = std::min(low, static_cast<uint32_t>(face[k]));
+      any |= static_cast<uint32_t>(face[k]);
+      high = std::max(high, face[k]);
+    }
+    if (high < 0) continue;
+    // Faces of a run are mostly of one cell, with ids near each other and equal flags.
+    const FaceBits::Share share = own.Of(static_cast<int32_t>(low), high);
+    if (share == FaceBits::Share::kNone) continue;
+    uint64_t bits = 0;
+    if (share == FaceBits::Share::kAll && static_cast<int32_t>(any) >= 0) {
+      bits = (uint64_t{1} << (end - x)) - 1;
+    } else {
+      for (int k = x; k < end; ++k) {
+        const bool is_own = face[k] >= 0 && own[face[k]];
+        bits |= static_cast<uint64_t>(is_own) << (k - x);
+      }
+    }
+    row[x / BitRaster::kWordBits] |= bits << (x % BitRaster::kWordBits);
+  }
+}
+
+}  // namespace
 
 void KeepNearOwn(const FaceBits& own, int margin_px, FaceMap* map) {
   // A separable dilation of the own pixels: along rows first, then along columns.
-  assert(margin_px < 128);
   const int width = map->width, height = map->height;
-  std::vector<uint8_t> wide(map->face.size(), 0), has(height, 0);  // pixels, rows with any
-  ParallelForEach(height, kRowGrain, [&](int64_t y) {
-    const int32_t* face = map->face.data() + y * width;
-    uint8_t* row = wide.data() + y * width;
-    int marked = 0;  // columns before it are final
-    const auto mark = [&](int begin, int end) {
-      const int first = std::max(marked, begin - margin_px), last = std::min(width, end + margin_px);
-      std::fill(row + first, row + last, 1);
-      marked = last;
-      has[y] = 1;
-    };
-    for (int x = 0; x < width; x += kRun_px) {
-      const int end = std::min(width, x + kRun_px);
-      int32_t low = face[x], high = face[x];
-      for (int k = x + 1; k < end; ++k) {
-        low = std::min(low, face[k]);
-        high = std::max(high, face[k]);
-      }
-      if (high < 0) continue;
-      // Faces of a run are mostly of one cell, with ids near each other and equal flags.
-      const FaceBits::Share share = low < 0 ? FaceBits::Share::kSome : own.Of(low, high);
-      if (share == FaceBits::Share::kNone) continue;
-      if (share == FaceBits::Share::kAll) {
-        mark(x, end);
-        continue;
-      }
-      for (int k = x; k < end; ++k) {
-        if (face[k] >= 0 && own[face[k]]) mark(k, k + 1);
-      }
-    }
+  BitRaster wide(width, height);
+  ParallelForEach(height, kRowGrain, [&](int y) {
+    const std::span<uint64_t> row = wide.row(y);
+    MarkOwn(own, std::span(map->face).subspan(static_cast<size_t>(y) * width, width), row);
+    Widen(row, margin_px);
   });
-  ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {
-    std::vector<uint8_t> near(width, 0);  // per column: number of set pixels in the rows within the margin
-    const auto add = [&](int64_t z, uint8_t sign) {
-      if (z < 0 || z >= height || !has[z]) return;
-      const uint8_t* row = wide.data() + z * width;
-      for (int x = 0; x < width; ++x) near[x] = static_cast<uint8_t>(near[x] + sign * row[x]);
-    };
-    for (int64_t z = begin - margin_px; z < begin + margin_px; ++z) add(z, 1);
-    for (int64_t y = begin; y < end; ++y) {
-      add(y + margin_px, 1);
-      int32_t* face = map->face.data() + y * width;
-      for (int x = 0; x < width;) {
-        const void* const far = std::memchr(near.data() + x, 0, static_cast<size_t>(width - x));
-        if (far == nullptr) break;
-        for (x = static_cast<int>(static_cast<const uint8_t*>(far) - near.data()); x < width && near[x] == 0; ++x) {
-          face[x] = -1;
-        }
+  ParallelForEach(height, kRowGrain, [&](int y) {
+    int32_t* const face = map->face.data() + static_cast<size_t>(y) * width;
+    const int above = std::max(0, y - margin_px), below = std::min(height - 1, y + margin_px);
+    for (int x = 0; x < width; x += BitRaster::kWordBits) {
+      uint64_t near = 0;
+      for (int z = above; z <= below; ++z) near |= wide.row(z)[x / BitRaster::kWordBits];
+      if (near == ~uint64_t{0}) continue;
+      for (int k = x; k < std::min(width, x + BitRaster::kWordBits); ++k) {
+        face[k] = near >> (k - x) & 1 ? face[k] : -1;
       }
-      add(y - margin_px, 255);  // takes the row away
     }
   });
 }

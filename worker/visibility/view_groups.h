@@ -30,11 +30,12 @@ class FaceBits {
   explicit FaceBits(const std::vector<uint8_t>& flags);
   bool operator[](int32_t face) const { return (words_[face >> 6] >> (face & 63) & 1) != 0; }
   enum class Share { kNone, kSome, kAll };
-  // How many of the faces [first, last] have a flag. kSome is allowed for any range of several words.
+  // How many of the faces [first, last] have a flag.
   Share Of(int32_t first, int32_t last) const;
 
  private:
   std::vector<uint64_t> words_;
+  std::vector<uint32_t> before_;  // number of flags in the words before each
 };
 
 // Sets FaceMap::face to -1 at every pixel that lies more than `margin_px` rows or columns from all pixels of faces

@@ -1,9 +1,12 @@
 #include "worker/visibility/visible_cells.h"
 
 #include <algorithm>
+#include <bit>
+#include <span>
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/bit_raster.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -16,64 +19,53 @@ class PixelSet {
  public:
   explicit PixelSet(const PixelRect& domain)
       : domain_(domain),
-        columns_((domain.width() + kBlock_px - 1) / kBlock_px),
-        rows_((domain.height() + kBlock_px - 1) / kBlock_px),
-        marks_(static_cast<size_t>(columns_) * rows_, 0) {}
+        blocks_((domain.width() + kBlock_px - 1) / kBlock_px, (domain.height() + kBlock_px - 1) / kBlock_px) {}
 
   void Add(const PixelRect& rect) {
-    ForRows(rect, [](uint8_t* begin, uint8_t* end) { return std::fill(begin, end, 1), false; });
+    ForRows(rect, [&](int y, int x0, int x1) { return blocks_.Set(y, x0, x1), false; });
   }
-  bool Meets(const PixelRect& rect) {
-    return ForRows(rect, [](uint8_t* begin, uint8_t* end) { return std::find(begin, end, 1) != end; });
+  bool Meets(const PixelRect& rect) const {
+    return ForRows(rect, [&](int y, int x0, int x1) { return blocks_.Meets(y, x0, x1); });
   }
   PixelRect Bounds() const {
-    PixelRect bounds = {columns_, rows_, 0, 0};
-    for (int y = 0; y < rows_; ++y) {
-      for (int x = 0; x < columns_; ++x) {
-        if (!marks_[static_cast<size_t>(y) * columns_ + x]) continue;
-        bounds = {std::min(bounds.x0, x), std::min(bounds.y0, y), std::max(bounds.x1, x + 1),
-                  std::max(bounds.y1, y + 1)};
+    int x0 = domain_.width(), y0 = blocks_.height(), x1 = 0, y1 = 0;  // columns of blocks, rows of blocks
+    for (int y = 0; y < blocks_.height(); ++y) {
+      const std::span<const uint64_t> row = blocks_.row(y);
+      for (size_t w = 0; w < row.size(); ++w) {
+        if (row[w] == 0) continue;
+        const auto first = static_cast<int>(w) * BitRaster::kWordBits;
+        x0 = std::min(x0, first + std::countr_zero(row[w]));
+        x1 = std::max(x1, first + BitRaster::kWordBits - std::countl_zero(row[w]));
+        y0 = std::min(y0, y);
+        y1 = y + 1;
       }
     }
-    if (bounds.empty()) return {};
-    return {domain_.x0 + bounds.x0 * kBlock_px, domain_.y0 + bounds.y0 * kBlock_px,
-            std::min(domain_.x0 + bounds.x1 * kBlock_px, domain_.x1),
-            std::min(domain_.y0 + bounds.y1 * kBlock_px, domain_.y1)};
+    if (y1 == 0) return {};
+    return {domain_.x0 + x0 * kBlock_px, domain_.y0 + y0 * kBlock_px, std::min(domain_.x0 + x1 * kBlock_px, domain_.x1),
+            std::min(domain_.y0 + y1 * kBlock_px, domain_.y1)};
   }
 
  private:
-  // Calls body(begin, end) for each row of blocks of a rectangle until it returns true.
+  // Calls body(row, columns) for each row of blocks of a rectangle until it returns true.
   template <class Body>
-  bool ForRows(const PixelRect& rect, const Body& body) {
+  bool ForRows(const PixelRect& rect, const Body& body) const {
     if (rect.empty()) return false;
     // Rectangles are clipped to the domain.
     const int x0 = (rect.x0 - domain_.x0) / kBlock_px, x1 = (rect.x1 - 1 - domain_.x0) / kBlock_px;
     const int y0 = (rect.y0 - domain_.y0) / kBlock_px, y1 = (rect.y1 - 1 - domain_.y0) / kBlock_px;
     for (int y = y0; y <= y1; ++y) {
-      uint8_t* row = &marks_[static_cast<size_t>(y) * columns_];
-      if (body(row + x0, row + x1 + 1)) return true;
+      if (body(y, x0, x1 + 1)) return true;
     }
     return false;
   }
   PixelRect domain_;
-  int columns_, rows_;
-  std::vector<uint8_t> marks_;
+  BitRaster blocks_;
 };
 
-// A cell and the bounds of its projection in a view.
-struct CellPixels {
-  uint32_t cell = 0;
-  PixelRect pixels;
-};
-
-// Calls body for the elements of `in_view` whose cell is in `cells`. Both are ascending.
-template <class Body>
-void ForCells(const std::vector<CellPixels>& in_view, const std::vector<uint32_t>& cells, const Body& body) {
-  size_t at = 0;
-  for (const uint32_t cell : cells) {
-    while (at < in_view.size() && in_view[at].cell < cell) ++at;
-    if (at < in_view.size() && in_view[at].cell == cell) body(in_view[at]);
-  }
+std::vector<uint8_t> FlagsOf(const std::vector<uint32_t>& cells, size_t count) {
+  std::vector<uint8_t> flags(count, 0);
+  for (const uint32_t cell : cells) flags[cell] = 1;
+  return flags;
 }
 
 PixelRect Widened(const PixelRect& r, int margin, const PixelRect& domain) {
@@ -101,42 +93,38 @@ VisibleCells FindVisibleCells(const VisibleCellsProblem& problem) {
   const std::vector<Eigen::AlignedBox3d> runs = RunsOf(problem.boxes);
   std::vector<PixelSet> needed;
   for (const CameraWindow& view : problem.views) needed.emplace_back(view.rect);
-  std::vector<std::vector<CellPixels>> in_view(views);  // ascending
-  std::vector<std::vector<uint32_t>> shown(views), lands(views);
+  std::vector<std::vector<BoxPixels>> in_view(views);  // ascending
+  std::vector<std::vector<uint32_t>> shown(views);
+  std::vector<std::vector<int32_t>> references(views);  // of each view as the other of a pair
+  for (const auto& [reference, other] : problem.pairs) references[other].push_back(reference);
   ParallelForEach(views, 1, [&](int64_t v) {
     const CameraWindow& view = problem.views[v];
-    for (uint32_t run = 0; run < runs.size(); ++run) {
-      if (PixelsOf(view, runs[run], kNearPlane_m, 0).empty()) continue;
-      const auto last = static_cast<uint32_t>(std::min<size_t>(cells, (run + 1) * kRunCells));
-      for (uint32_t c = run * kRunCells; c < last; ++c) {
-        const PixelRect pixels = PixelsOf(view, problem.boxes[c], kNearPlane_m, 0);
-        if (!pixels.empty()) in_view[v].push_back({c, pixels});
-      }
+    in_view[v] = BoxesInWindow(view, problem.boxes, runs, kNearPlane_m);
+    const std::vector<uint8_t> is_own = FlagsOf(problem.own[v], cells);
+    for (const BoxPixels& own : in_view[v]) {
+      if (is_own[own.box]) needed[v].Add(Widened(own.pixels, problem.reference_margin_px, view.rect));
     }
-    ForCells(in_view[v], problem.own[v], [&](const CellPixels& own) {
-      needed[v].Add(Widened(own.pixels, problem.reference_margin_px, view.rect));
-    });
-    for (const CellPixels& other : in_view[v]) {
-      if (needed[v].Meets(other.pixels)) shown[v].push_back(other.cell);
+    for (const BoxPixels& other : in_view[v]) {
+      if (needed[v].Meets(other.pixels)) shown[v].push_back(other.box);
     }
   });
-  for (const auto& [reference, other] : problem.pairs) {
-    lands[other].insert(lands[other].end(), shown[reference].begin(), shown[reference].end());
-  }
   VisibleCells visible;
   visible.cells.resize(views);
   visible.windows.resize(views);
   visible.own_windows.resize(views);
   ParallelForEach(views, 1, [&](int64_t v) {
     visible.own_windows[v] = needed[v].Bounds();
-    std::sort(lands[v].begin(), lands[v].end());
-    lands[v].erase(std::unique(lands[v].begin(), lands[v].end()), lands[v].end());
-    ForCells(in_view[v], lands[v], [&](const CellPixels& landing) {
+    std::vector<uint8_t> lands(cells, 0);
+    for (const int32_t reference : references[v]) {
+      for (const uint32_t cell : shown[reference]) lands[cell] = 1;
+    }
+    for (const BoxPixels& landing : in_view[v]) {
+      if (!lands[landing.box]) continue;
       needed[v].Add(Widened(landing.pixels, problem.target_margin_px, problem.views[v].rect));
-    });
+    }
     visible.windows[v] = needed[v].Bounds();
-    for (const CellPixels& other : in_view[v]) {
-      if (needed[v].Meets(other.pixels)) visible.cells[v].push_back(other.cell);
+    for (const BoxPixels& other : in_view[v]) {
+      if (needed[v].Meets(other.pixels)) visible.cells[v].push_back(other.box);
     }
   });
   visible.own_cells = std::move(shown);
