@@ -48,15 +48,17 @@ const std::array<DirectionsOfSample, kSide * kSide>& Directions() {
 
 MeshCanvas::MeshCanvas(const PosedCamera& camera, const Vector3d& up, double occlusion_range_m)
     : camera_(Enlarged(camera)),
+      principal_(static_cast<float>(camera_.intrinsics.cx - 0.5), static_cast<float>(camera_.intrinsics.cy - 0.5)),
+      pixel_(static_cast<float>(1 / camera_.intrinsics.fx), static_cast<float>(1 / camera_.intrinsics.fy)),
       up_in_cam_((camera.rotation_cam_from_world * up).cast<float>()),
       occlusion_range_m_(static_cast<float>(occlusion_range_m)),
-      samples_(static_cast<size_t>(camera_.intrinsics.width) * camera_.intrinsics.height) {}
+      inverse_depths_(static_cast<size_t>(camera_.intrinsics.width) * camera_.intrinsics.height, 0.0f),
+      samples_(inverse_depths_.size()) {}
 
 Vector3f MeshCanvas::PointAt(int x, int y, float inverse_depth) const {
-  const PinholeCamera& k = camera_.intrinsics;
   const float depth = 1 / inverse_depth;
-  return {(static_cast<float>(x) + 0.5f - static_cast<float>(k.cx)) / static_cast<float>(k.fx) * depth,
-          (static_cast<float>(y) + 0.5f - static_cast<float>(k.cy)) / static_cast<float>(k.fy) * depth, depth};
+  return {(static_cast<float>(x) - principal_.x()) * pixel_.x() * depth,
+          (static_cast<float>(y) - principal_.y()) * pixel_.y() * depth, depth};
 }
 
 void MeshCanvas::Draw(const Vector3d& a, const Vector3d& b, const Vector3d& c, const FaceLook& look) {
@@ -88,9 +90,10 @@ void MeshCanvas::Draw(const Vector3d& a, const Vector3d& b, const Vector3d& c, c
       const double v = ((x[0] - x[2]) * (row - y[2]) - (y[0] - y[2]) * (column - x[2])) / area;
       if (!(u >= 0 && v >= 0 && u + v <= 1)) continue;
       const auto inverse_depth = static_cast<float>(u * w[0] + v * w[1] + (1 - u - v) * w[2]);
-      Sample& sample = samples_[static_cast<size_t>(row) * k.width + column];
-      if (inverse_depth <= sample.inverse_depth) continue;
-      sample.inverse_depth = inverse_depth;
+      const size_t at = static_cast<size_t>(row) * k.width + column;
+      if (inverse_depth <= inverse_depths_[at]) continue;
+      inverse_depths_[at] = inverse_depth;
+      Sample& sample = samples_[at];
       sample.normal = normal.cast<float>();
       sample.look = look;
     }
@@ -101,20 +104,22 @@ void MeshCanvas::Draw(const Vector3d& a, const Vector3d& b, const Vector3d& c, c
 // Alchemy screen-space ambient obscurance algorithm").
 float MeshCanvas::Openness(int x, int y) const {
   const PinholeCamera& k = camera_.intrinsics;
-  const Sample& here = samples_[static_cast<size_t>(y) * k.width + x];
-  const Vector3f point = PointAt(x, y, here.inverse_depth);
-  const float radius_px = std::clamp(static_cast<float>(k.fx) * occlusion_range_m_ * here.inverse_depth, 4.0f, 120.0f);
+  const size_t here = static_cast<size_t>(y) * k.width + x;
+  const Vector3f point = PointAt(x, y, inverse_depths_[here]), normal = samples_[here].normal;
+  const float radius_px =
+      std::clamp(static_cast<float>(k.fx) * occlusion_range_m_ * inverse_depths_[here], 4.0f, 120.0f);
   float sum = 0;
   for (const Eigen::Vector2f& direction : Directions()[(x % kSide) + kSide * (y % kSide)]) {
     const int to_x = x + static_cast<int>(radius_px * direction.x()),
               to_y = y + static_cast<int>(radius_px * direction.y());
     if (to_x < 0 || to_y < 0 || to_x >= k.width || to_y >= k.height) continue;
-    const float inverse_depth = samples_[static_cast<size_t>(to_y) * k.width + to_x].inverse_depth;
+    const float inverse_depth = inverse_depths_[static_cast<size_t>(to_y) * k.width + to_x];
     if (inverse_depth <= 0) continue;
     const Vector3f away = PointAt(to_x, to_y, inverse_depth) - point;
+    const float above = away.dot(normal);
+    if (above <= 0 || away.squaredNorm() > occlusion_range_m_ * occlusion_range_m_) continue;
     const float distance = away.norm();
-    if (distance > occlusion_range_m_ || distance <= 0) continue;
-    const float sine = away.dot(here.normal) / distance - 0.08f;  // the bias hides the faces of curved surfaces
+    const float sine = above / distance - 0.08f;  // the bias hides the faces of curved surfaces
     if (sine > 0) sum += sine * (1 - distance / occlusion_range_m_);
   }
   return std::clamp(1 - 2.8f * sum / kOcclusionSamples, 0.0f, 1.0f);
@@ -125,10 +130,11 @@ void MeshCanvas::Light() {
   const Vector3f to_sun = (1.2f * up_in_cam_ + Vector3f(-0.8f, -0.3f, -0.5f)).normalized();
   ParallelForEach(k.height, 8, [&](int y) {
     for (int x = 0; x < k.width; ++x) {
-      Sample& sample = samples_[static_cast<size_t>(y) * k.width + x];
-      if (sample.inverse_depth <= 0) continue;
+      const size_t at = static_cast<size_t>(y) * k.width + x;
+      if (inverse_depths_[at] <= 0) continue;
+      Sample& sample = samples_[at];
       const float open = Openness(x, y);
-      const Vector3f view = PointAt(x, y, sample.inverse_depth).normalized();
+      const Vector3f view = PointAt(x, y, inverse_depths_[at]).normalized();
       sample.light = kSkyLight * (0.65f + 0.35f * sample.normal.dot(up_in_cam_)) * open +
                      kSunLight * std::max(0.0f, sample.normal.dot(to_sun)) * (0.5f + 0.5f * open) +
                      kCameraLight * -sample.normal.dot(view) * open;
@@ -143,9 +149,10 @@ ByteImage MeshCanvas::Picture(const std::function<Vector3f(const FaceLook&)>& co
     for (int x = 0; x < picture.width; ++x) {
       Vector3f sum = Vector3f::Zero();
       for (int s = 0; s < kSide * kSide; ++s) {
-        const Sample& sample = samples_[static_cast<size_t>(kSide * y + s / kSide) * k.width + kSide * x + s % kSide];
-        sum += sample.inverse_depth > 0 ? Vector3f((sample.light * color(sample.look)).cwiseMin(1.0f).cwiseMax(0.0f))
-                                        : kBackground;
+        const size_t at = static_cast<size_t>(kSide * y + s / kSide) * k.width + kSide * x + s % kSide;
+        const Sample& sample = samples_[at];
+        sum += inverse_depths_[at] > 0 ? Vector3f((sample.light * color(sample.look)).cwiseMin(1.0f).cwiseMax(0.0f))
+                                       : kBackground;
       }
       sum *= 255.0f / (kSide * kSide);
       for (int c = 0; c < 3; ++c) picture.at(x, y, c) = static_cast<uint8_t>(std::lround(sum[c]));

@@ -36,7 +36,6 @@ class MeshCanvas {
 
  private:
   struct Sample {
-    float inverse_depth = 0;  // 1/m; 0: nothing drawn
     float light = 0;
     Eigen::Vector3f normal = Eigen::Vector3f::Zero();  // camera frame, towards the camera
     FaceLook look;
@@ -45,8 +44,10 @@ class MeshCanvas {
   Eigen::Vector3f PointAt(int x, int y, float inverse_depth) const;  // camera frame
 
   PosedCamera camera_;  // of the samples: twice the picture's size
+  Eigen::Vector2f principal_, pixel_;  // principal point, from the first sample's centre; size at a distance of 1
   Eigen::Vector3f up_in_cam_;
   float occlusion_range_m_;
+  std::vector<float> inverse_depths_;  // per sample, 1/m; 0: nothing drawn
   std::vector<Sample> samples_;
 };
 
