@@ -62,6 +62,17 @@ void AddSampled(const FaceMap& map, const T* planes, int width, int height, cons
 
 }  // namespace
 
+PixelRect SampledPart(const PixelRect& window, const PixelMapping& mapping, int width, int height) {
+  const auto at = [](int pixel, double scale, double offset, int origin, int size) {
+    return SampleAt(scale * (pixel + 0.5) + offset, origin, size);
+  };
+  const PixelMapping& m = mapping;
+  return {at(window.x0, m.scale_x, m.offset_x, m.first_x, width).low,
+          at(window.y0, m.scale_y, m.offset_y, m.first_y, height).low,
+          at(window.x1 - 1, m.scale_x, m.offset_x, m.first_x, width).high + 1,
+          at(window.y1 - 1, m.scale_y, m.offset_y, m.first_y, height).high + 1};
+}
+
 void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
                     FaceLikelihoods* sums) {
   const auto value = [](float v) { return v; };

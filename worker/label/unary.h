@@ -28,6 +28,11 @@ struct LikelihoodSteps {
   float per_unit = 255;
 };
 
+// The part of the likelihoods, in their pixels, that AddLikelihoods reads for the pixels of `window`. `mapping`: with
+// first_x, first_y of all of them, which are `width` x `height`. AddLikelihoods gives the same sums, bit for bit, with
+// this part and with `mapping` moved to its first pixel.
+PixelRect SampledPart(const PixelRect& window, const PixelMapping& mapping, int width, int height);
+
 // Adds one view: each pixel of `map` that sees a face adds the likelihoods at the position given by `mapping`.
 // `likelihoods`: one plane per class, sampled bilinearly, border values repeated. Not thread-safe on the same `sums`.
 void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,

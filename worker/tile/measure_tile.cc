@@ -1,7 +1,6 @@
 #include "worker/tile/measure_tile.h"
 
 #include <algorithm>
-#include <cmath>
 #include <span>
 
 #include "common/base/elapsed.h"
@@ -60,29 +59,21 @@ struct LikelihoodWindow {
     steps = {level.likelihood_width, level.likelihood_height, level.likelihoods, Texels::kLikelihoodSteps};
     // Likelihoods finer than the photograph would exceed the bound of the batch.
     if (level.likelihood_values() > level.pixels() * static_cast<size_t>(level.classes)) return;
-    // The first of the two likelihoods that bilinear interpolation takes at the pixel.
-    const auto low = [](int pixel, double scale, double offset, int origin, int size) {
-      return std::clamp(static_cast<int>(std::floor(scale * (pixel + 0.5) + offset - 0.5)) - origin, 0, size - 1);
-    };
-    const PixelMapping& m = level.mapping;
-    const int columns = level.likelihood_width, rows = level.likelihood_height;
-    const int x0 = low(window.x0, m.scale_x, m.offset_x, m.first_x, columns),
-              y0 = low(window.y0, m.scale_y, m.offset_y, m.first_y, rows),
-              x1 = std::min(columns, low(window.x1 - 1, m.scale_x, m.offset_x, m.first_x, columns) + 2),
-              y1 = std::min(rows, low(window.y1 - 1, m.scale_y, m.offset_y, m.first_y, rows) + 2);
-    mapping.first_x += x0;
-    mapping.first_y += y0;
-    buffer.resize(static_cast<size_t>(level.classes) * (x1 - x0) * (y1 - y0));
-    steps = {x1 - x0, y1 - y0, buffer, Texels::kLikelihoodSteps};
-    const auto width = static_cast<size_t>(columns);
+    const int rows = level.likelihood_height;
+    const PixelRect part = SampledPart(window, level.mapping, level.likelihood_width, rows);
+    mapping.first_x += part.x0;
+    mapping.first_y += part.y0;
+    buffer.resize(static_cast<size_t>(level.classes) * part.width() * part.height());
+    steps = {part.width(), part.height(), buffer, Texels::kLikelihoodSteps};
+    const auto width = static_cast<size_t>(level.likelihood_width);
     std::vector<uint8_t> whole_rows;
     uint8_t* to = buffer.data();
     for (int c = 0; c < level.classes; ++c) {
-      for (int y = y0; y < y1; y += kBandRows) {
-        const auto count = static_cast<size_t>(std::min(kBandRows, y1 - y));
+      for (int y = part.y0; y < part.y1; y += kBandRows) {
+        const auto count = static_cast<size_t>(std::min(kBandRows, part.y1 - y));
         const auto band = level.likelihoods.subspan((static_cast<size_t>(c) * rows + y) * width, count * width);
         const std::span<const uint8_t> read = Read(level, band, &whole_rows);
-        for (size_t row = 0; row < count; ++row) to = std::copy_n(&read[row * width + x0], x1 - x0, to);
+        for (size_t row = 0; row < count; ++row) to = std::copy_n(&read[row * width + part.x0], part.width(), to);
       }
     }
   }
