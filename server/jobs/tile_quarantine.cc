@@ -6,7 +6,8 @@
 #include <unordered_map>
 #include <utility>
 
-#include "common/job/task_parameters.h"
+#include "common/job/task_kinds.h"
+#include "server/ledger/failed_tile.h"
 
 namespace tessera {
 namespace {
@@ -39,16 +40,7 @@ bool CanContinueWithout(const Job& job) {
 
 std::vector<FailedTile> QuarantinedTiles(const Job& job) {
   std::vector<FailedTile> tiles;
-  for (const QuarantinedTile& each : job.quarantined) {
-    const PlannedTask& failed = job.tasks[each.task].plan;
-    FailedTile tile = {each.tile, failed.kind};
-    if (const auto parameters = ParseStepParameters(failed.parameters); parameters.ok()) {
-      tile.step = parameters->step;
-      tile.before = parameters->before;
-    }
-    tile.fine = IsOfFinePart(job, failed);
-    tiles.push_back(std::move(tile));
-  }
+  for (const QuarantinedTile& each : job.quarantined) tiles.push_back(FailedTileOf(job, each));
   return tiles;
 }
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "server/ledger/failed_tile.h"
 #include "server/ledger/ledger.h"
 #include "tessera/v1/records.pb.h"
 
@@ -66,14 +67,15 @@ void Ledger::ApplyQuarantined(const v1::TileQuarantined& change) {
   Job& job = jobs_[index];
   Supersede({index, change.task()});
   PlanAgainBehindCuts(job, change.task());
-  // The tile may be quarantined already: until the job is planned without it, another task of it can fail.
   const auto place = std::lower_bound(job.quarantined.begin(), job.quarantined.end(), change.tile(),
                                       [](const QuarantinedTile& each, int tile) { return each.tile < tile; });
-  // The crop of a group of tiles may also be made again later, if its result is lost.
+  const QuarantinedTile quarantined = {change.tile(), change.task()};
   if (place == job.quarantined.end() || place->tile != change.tile()) {
-    job.quarantined.insert(place, {change.tile(), change.task()});
-  } else if (job.tasks[change.task()].plan.kind == kCropKind && job.tasks[place->task].plan.kind != kCutKind) {
-    place->task = change.task();
+    job.quarantined.insert(place, quarantined);
+  } else if (FailedBefore(FailedTileOf(job, quarantined), FailedTileOf(job, *place))) {
+    // The tile is quarantined already, and a result of an earlier task was lost and could not be made again. The new
+    // plan must be without that task, or it would fail again and again.
+    *place = quarantined;
   }
   job.failed = FirstFailed(job);
   Recount(job);

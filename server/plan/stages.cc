@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "common/job/task_kinds.h"
@@ -14,6 +15,16 @@ int StageOf(const std::string& kind, int step, bool before) {
   if (kind == kMeasureKind) return first + 1;
   if (kind == kSolveKind) return first + 2;
   return before ? first : first + 3;  // mend
+}
+
+bool FailedBefore(const FailedTile& a, const FailedTile& b) {
+  const auto place = [](const FailedTile& tile) {
+    const int stage = tile.kind == kCutKind    ? -2
+                      : tile.kind == kCropKind ? -1
+                                               : StageOf(tile.kind, tile.step, tile.before);
+    return std::pair(tile.fine, stage);
+  };
+  return place(a) < place(b);
 }
 
 std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool continues_base, JobPart part) {

@@ -45,6 +45,9 @@ int StageOf(const std::string& kind, int step, bool before = false);
 // Matches PlanSteps.
 std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool continues_base);
 
+// Whether `a` failed at an earlier stage than `b`: a tile without tasks from `a` on has none from `b` on either.
+bool FailedBefore(const FailedTile& a, const FailedTile& b);
+
 // Freezes the tiles that failed in this part of a job (`fine`: JobPart::kFine). `good`: StagesWithGoodStates;
 // `from_revised_base`: it starts from the states of a base with another mesh. FAILED_PRECONDITION if a tile has no state
 // to keep.

@@ -255,38 +255,40 @@ TEST_F(TileQuarantineTest, TilesContinueWithoutTheirSharedCrop) {
 }
 
 // The tile that would be quarantined is quarantined already, because of a later step.
-TEST_F(TileQuarantineTest, SharedCropThatIsLostAndFailsThenEnds) {
+TEST_F(TileQuarantineTest, EarlierTaskWhoseResultIsLostAndThatFailsThenEnds) {
   row_.crops = true;
-  const std::string job = Create(AJob(3)), worker = Worker();
-  int turns = 0, crops = 0;
-  std::optional<Digest> crop;
-  bool lost = false;
-  for (; turns < 200 && !HasEnded(Job(job).header.state); ++turns) {
-    clock_.Advance(61);  // retry delays
-    const auto lease = Lease(worker);
-    if (!lease) continue;
-    const std::string& name = lease->plan.name;
-    if (name == "crop all tiles" && lost) {
-      ++crops;
-      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPoison).ok());
-    } else if (name == "solve tile 0 step 1") {
-      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPoison).ok());
-    } else if (lease->plan.kind == kSolveKind && !lost && !Job(job).header.warnings.empty()) {
-      lost = true;
-      fs::remove(*blobs_->LocalPath(*crop));
-      ASSERT_TRUE(ReportFailureAndWait(*coordinator_, worker, lease->task, lease->attempt,
-                                       {ErrorClass::kLostInput, "lost", {*crop}})
-                      .ok());
-    } else {
-      if (name == "crop all tiles") crop = *blobs_->PutBytes(kViewsFile + lease->key);
-      ASSERT_TRUE(SucceedAny(worker, *lease).ok());
+  for (const std::string made : {"crop all tiles", "solve tile 0 step 1"}) {
+    SCOPED_TRACE(made);
+    const std::string job = Create(AJob(3, made)), worker = Worker();
+    int turns = 0, failures = 0;
+    std::optional<Digest> result;
+    bool lost = false;
+    for (; turns < 200 && !HasEnded(Job(job).header.state); ++turns) {
+      clock_.Advance(61);  // retry delays
+      const auto lease = Lease(worker);
+      if (!lease) continue;
+      const std::string& name = lease->plan.name;
+      if ((name == made && lost) || name == "solve tile 0 step 2") {
+        failures += name == made;
+        ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPoison).ok());
+      } else if (lease->plan.kind == kSolveKind && !lost && !Job(job).header.warnings.empty()) {
+        lost = true;
+        fs::remove(*blobs_->LocalPath(*result));
+        ASSERT_TRUE(ReportFailureAndWait(*coordinator_, worker, lease->task, lease->attempt,
+                                         {ErrorClass::kLostInput, "lost", {*result}})
+                        .ok());
+      } else {
+        const char* const file = lease->plan.kind == kCropKind ? kViewsFile : kStateFile;
+        if (name == made) result = *blobs_->PutBytes(file + lease->key);
+        ASSERT_TRUE(SucceedAny(worker, *lease).ok());
+      }
     }
+    EXPECT_TRUE(lost);
+    EXPECT_GT(failures, 0);
+    EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "after " << turns << " turns";
+    EXPECT_EQ(Job(job).tiles_done, 2);
+    EXPECT_THAT(Job(job).header.error, HasSubstr("tile 0 was quarantined: '" + made + "' failed"));
   }
-  EXPECT_TRUE(lost);
-  EXPECT_GT(crops, 0);
-  EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "after " << turns << " turns";
-  EXPECT_EQ(Job(job).tiles_done, 2);
-  EXPECT_THAT(Job(job).header.error, HasSubstr("tile 0 was quarantined: 'crop all tiles' failed"));
 }
 
 // A job that splits faces twice.
