@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "common/job/task_kinds.h"
-#include "server/ledger/failed_tile.h"
 
 namespace tessera {
 namespace {

@@ -195,6 +195,17 @@ const JobTask* SplitBefore(const Job& job, const PlannedTask& task) {
   return nullptr;
 }
 
+FailedTile FailedTileOf(const Job& job, const QuarantinedTile& tile) {
+  const PlannedTask& failed = job.tasks[tile.task].plan;
+  FailedTile out = {tile.tile, failed.kind};
+  if (const auto parameters = ParseStepParameters(failed.parameters); parameters.ok()) {
+    out.step = parameters->step;
+    out.before = parameters->before;
+  }
+  out.fine = IsOfFinePart(job, failed);
+  return out;
+}
+
 int FirstBehindCuts(const Job& job, bool fine) {
   int first = 0;
   for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {

@@ -18,6 +18,7 @@
 #include "common/base/task_usage.h"
 #include "common/storage/hash.h"
 #include "server/plan/planned_task.h"
+#include "server/plan/stages.h"
 #include "server/plan/update_base.h"
 
 namespace tessera {
@@ -273,6 +274,8 @@ bool CutsAreDone(const Job& job);
 // twice (JobPart); else null.
 const JobTask* SplitBefore(const Job& job, const PlannedTask& task);
 inline bool IsOfFinePart(const Job& job, const PlannedTask& task) { return SplitBefore(job, task) != nullptr; }
+// What the planner must know of a quarantined tile.
+FailedTile FailedTileOf(const Job& job, const QuarantinedTile& tile);
 // Index of the first task behind the cuts of the present fine part, or of the first or only part.
 int FirstBehindCuts(const Job& job, bool fine);
 

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "server/ledger/failed_tile.h"
 #include "server/ledger/ledger.h"
 #include "tessera/v1/records.pb.h"
 
