@@ -44,7 +44,8 @@ class MeshCanvas {
   Eigen::Vector3f PointAt(int x, int y, float inverse_depth) const;  // camera frame
 
   PosedCamera camera_;  // of the samples: twice the picture's size
-  Eigen::Vector2f principal_, pixel_;  // principal point, from the first sample's centre; size at a distance of 1
+  Eigen::Vector2f principal_;  // the principal point in samples, relative to the centre of the first sample
+  Eigen::Vector2f pixel_;      // size of a sample in a plane at a depth of 1
   Eigen::Vector3f up_in_cam_;
   float occlusion_range_m_;
   std::vector<float> inverse_depths_;  // per sample, 1/m; 0: nothing drawn

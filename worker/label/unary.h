@@ -28,9 +28,9 @@ struct LikelihoodSteps {
   float per_unit = 255;
 };
 
-// The part of the likelihoods, in their pixels, that AddLikelihoods reads for the pixels of `window`. `mapping`: with
-// first_x, first_y of all of them, which are `width` x `height`. AddLikelihoods gives the same sums, bit for bit, with
-// this part and with `mapping` moved to its first pixel.
+// The part of a view's likelihoods that AddLikelihoods reads for the pixels of `window`: a rectangle relative to the
+// first likelihood. `mapping`, `width`, `height`: of all likelihoods. With a copy of the part, and with first_x and
+// first_y moved to it, AddLikelihoods gives the same sums, bit for bit.
 PixelRect SampledPart(const PixelRect& window, const PixelMapping& mapping, int width, int height);
 
 // Adds one view: each pixel of `map` that sees a face adds the likelihoods at the position given by `mapping`.

@@ -50,7 +50,7 @@ void Bound(const CameraWindow& view, const Eigen::AlignedBox3d* boxes, size_t co
       }
     }
     auto x0 = infinity, y0 = infinity, x1 = hn::Neg(infinity), y1 = hn::Neg(infinity);
-    auto in_front = hn::Zero(d), behind = hn::Zero(d);  // numbers of corners
+    auto in_front = hn::Zero(d);  // number of corners
     for (int c = 0; c < 8; ++c) {
       hn::Vec<Doubles> p[3] = {corner[0], corner[1], corner[2]};
       for (int axis = 0; axis < 3; ++axis) {
@@ -66,10 +66,9 @@ void Bound(const CameraWindow& view, const Eigen::AlignedBox3d* boxes, size_t co
       x1 = hn::Max(x1, hn::IfThenElse(front, x, hn::Neg(infinity)));
       y1 = hn::Max(y1, hn::IfThenElse(front, y, hn::Neg(infinity)));
       in_front = hn::Add(in_front, hn::IfThenElseZero(front, one));
-      behind = hn::Add(behind, hn::IfThenZeroElse(front, one));
     }
     alignas(16) int32_t side[4][kMostLanes];
-    alignas(32) double fronts[kMostLanes], behinds[kMostLanes];
+    alignas(32) double fronts[kMostLanes];
     const auto rounding = hn::Set(d, kRounding_px);
     const auto store = [&](auto pixels, int low, int high, int32_t* to) HWY_ATTR {
       const auto clamped = hn::Min(hn::Max(pixels, hn::Set(d, double(low))), hn::Set(d, double(high)));
@@ -81,12 +80,11 @@ void Bound(const CameraWindow& view, const Eigen::AlignedBox3d* boxes, size_t co
     store(hn::Ceil(hn::Add(x1, rounding)), domain.x0, domain.x1, side[2]);
     store(hn::Ceil(hn::Add(y1, rounding)), domain.y0, domain.y1, side[3]);
     hn::Store(in_front, d, fronts);
-    hn::Store(behind, d, behinds);
     for (size_t i = 0; i < used; ++i) {
       PixelRect& rect = out[first + i];
       if (fronts[i] == 0 || boxes[first + i].isEmpty()) {
         rect = {};
-      } else if (behinds[i] > 0) {
+      } else if (fronts[i] < 8) {
         rect = domain;
       } else {
         rect = {side[0][i], side[1][i], side[2][i], side[3][i]};

@@ -10,7 +10,7 @@ namespace tessera {
 
 // For each box, bounds of the pixels of a window that may show something of it, grown by rounding: empty if it is
 // empty or behind the plane `near_m` in front of the camera, the whole window if this plane cuts it.
-// `out`: as many as boxes.
+// `out`: at least as many as boxes.
 void BoundPixels(const CameraWindow& view, std::span<const Eigen::AlignedBox3d> boxes, double near_m,
                  std::span<PixelRect> out);
 

@@ -44,7 +44,7 @@ TEST(SampledPart, GivesTheSumsOfTheWhole) {
       mapping.scale_y = scale * random.Uniform(0.8, 1.2);
       mapping.offset_x = random.Uniform(-3, 3);
       mapping.offset_y = random.Uniform(-3, 3);
-      // The first of the whole image is 0.
+      // Pixels of a whole image are not negative.
       mapping.first_x = static_cast<int>(random.Below(20));
       mapping.first_y = static_cast<int>(random.Below(20));
       // Windows may reach over all borders of the likelihoods.
