@@ -27,6 +27,21 @@ void Add(const FaceSums& part, float pixels, FaceSums* total) {
 
 }  // namespace
 
+void FaceSlots::Begin(size_t faces) {
+  ++strip;
+  for (const uint32_t page : seen) pages[page] = kNoPage;
+  seen.clear();
+  pages.resize(std::max(pages.size(), (faces >> kPageBits) + 1), kNoPage);
+  found.clear();
+}
+
+uint32_t FaceSlots::AddPage(size_t page) {
+  pages[page] = static_cast<uint32_t>(seen.size() << kPageBits);
+  seen.push_back(static_cast<uint32_t>(page));
+  slots.resize(std::max(slots.size(), seen.size() << kPageBits), 0);
+  return pages[page];
+}
+
 void FaceGatherer::Begin(const TriangleMesh& mesh, const MeshPart& part, const PosedCamera& camera, const FaceMap& map,
                          const std::vector<uint8_t>& own, int strips, StripSums when, std::vector<FaceSums>* sums) {
   mesh_ = &mesh;
@@ -123,30 +138,33 @@ template <bool kAll>
 void FaceGatherer::AddRow(const ReferenceStrip& planes, int y, FaceSlots* buffers) const {
   const int width = map_->width;
   const int32_t* faces = map_->face.data() + static_cast<size_t>(y) * width;
-  const uint64_t call = static_cast<uint64_t>(buffers->call) << 32;
   std::vector<FaceMoments>& found = buffers->found;
-  uint64_t* slots = buffers->slots.data();
   int32_t *columns = buffers->columns.data(), *indices = buffers->indices.data(),
           *first_columns = buffers->first_columns.data();
   // Branch-free: whether a pixel sees the face of the one before is unpredictable.
-  const size_t known = found.size();
-  size_t size = known;
   int count = 0;
   for (int x = 0; x < width; ++x) {
-    __builtin_prefetch(&slots[faces[std::min(x + kFar, width - 1)] + 1], 1);
     const int32_t face = faces[x];
     bool wanted = face >= 0;
     if constexpr (!kAll) wanted = wanted && (*own_)[face] != 0;
-    const size_t slot = wanted ? static_cast<size_t>(face) + 1 : 0;
-    const uint64_t entry = slots[slot];
-    const bool is_new = (entry ^ call) >> 32 != 0;
-    const uint64_t index = is_new ? size : entry & 0xffffffffu;
-    slots[slot] = call | index;
+    const uint32_t slot = buffers->SlotOf(wanted ? face : -1);
+    __builtin_prefetch(&buffers->slots[slot], 1);
     columns[count] = x;
-    indices[count] = static_cast<int32_t>(index);
-    first_columns[size - known] = x;
-    size += is_new;
+    indices[count] = static_cast<int32_t>(slot);
     count += wanted;
+  }
+  const uint64_t strip = static_cast<uint64_t>(buffers->strip) << 32;
+  uint64_t* slots = buffers->slots.data();
+  const size_t known = found.size();
+  size_t size = known;
+  for (int i = 0; i < count; ++i) {
+    uint64_t& entry = slots[indices[i]];
+    const bool is_new = (entry ^ strip) >> 32 != 0;
+    const uint64_t index = is_new ? size : entry & 0xffffffffu;
+    entry = strip | index;
+    indices[i] = static_cast<int32_t>(index);
+    first_columns[size - known] = columns[i];
+    size += is_new;
   }
   found.resize(size);
   for (size_t i = known; i < size; ++i) {
@@ -172,10 +190,7 @@ void FaceGatherer::AddRow(const ReferenceStrip& planes, int y, FaceSlots* buffer
 }
 
 void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* buffers) {
-  ++buffers->call;
-  if (buffers->slots.size() < mesh_->faces.size() + 1) buffers->slots.resize(mesh_->faces.size() + 1, 0);
-  buffers->slots[0] = static_cast<uint64_t>(buffers->call) << 32;
-  buffers->found.clear();
+  buffers->Begin(mesh_->faces.size());
   for (std::vector<int32_t>* row : {&buffers->columns, &buffers->indices, &buffers->first_columns}) {
     row->resize(static_cast<size_t>(map_->width) + 1);
   }

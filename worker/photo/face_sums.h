@@ -2,6 +2,7 @@
 // coordinates.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -34,11 +35,29 @@ struct alignas(16) FaceMoments {
   int32_t x = 0, y = 0;  // the face's first pixel, in the map
 };
 
-// Buffers of FaceGatherer::AddStrip, one per thread, reused between calls.
+// Buffers of FaceGatherer::AddStrip, one per thread, reused between calls. They hold the faces that a strip shows: with
+// many threads, an entry per face of the mesh would take more memory than the mesh.
 struct FaceSlots {
-  uint32_t call = 0;
-  // Per face, after an entry for pixels without a face: the index of the face in `found` and, in the upper half, the
-  // call that wrote it, so that the buffer need not be cleared.
+  static constexpr int kPageBits = 8;
+  static constexpr uint32_t kNoPage = 0xffffffff;
+
+  // Starts a strip of a mesh with this number of faces.
+  void Begin(size_t faces);
+  // The entry of a face in `slots`; -1: any. May move `slots`.
+  uint32_t SlotOf(int32_t face) {
+    const auto slot = static_cast<uint32_t>(std::max(face, 0));
+    uint32_t page = pages[slot >> kPageBits];
+    if (page == kNoPage) [[unlikely]]
+      page = AddPage(slot >> kPageBits);
+    return page + (slot & ((uint32_t{1} << kPageBits) - 1));
+  }
+  // Gives faces page·2^kPageBits and so on a place in `slots`.
+  uint32_t AddPage(size_t page);
+
+  uint32_t strip = 0;           // counts the calls
+  std::vector<uint32_t> pages;  // per 2^kPageBits faces: where they begin in `slots`, or kNoPage
+  std::vector<uint32_t> seen;   // the entries of `pages` that are not kNoPage
+  // Index of the face in `found` and, in the upper half, the strip that wrote it, so that pages need not be cleared.
   std::vector<uint64_t> slots;
   std::vector<FaceMoments> found;
   // Of the pixels of a row that see a face to sum: the column, and the index of the face in `found`.

@@ -162,6 +162,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const FaceBits* own,
   std::vector<CameraWindow> windows;
   std::vector<MeshPart> parts;
   std::vector<FaceSelection> selections;
+  drawn_.resize(std::max(drawn_.size(), open.size()));
   for (const size_t view : open) {
     windows.push_back({views_[view].camera, target_rects_[view]});
     parts.push_back(parts_[view]);
@@ -169,6 +170,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const FaceBits* own,
     const PixelRect& reference = reference_rects_[view];
     Buffers buffers = TakeBuffers(static_cast<size_t>(reference.width()) * reference.height());
     maps_[view] = std::move(buffers.map);
+    if (!IsNarrow(view)) std::swap(maps_[view], drawn_[windows.size() - 1]);  // drawn where it stays
     targets_[view] = std::move(buffers.target);
     if (views_[view].stored) views_[view].texels = std::move(buffers.target_texels);
     references_[view].texels = std::move(buffers.reference_texels);

@@ -159,7 +159,7 @@ class PhotoTerm {
   MeshPart all_parts_;
   std::vector<PixelRect> target_rects_, reference_rects_;
   std::vector<PhotoView> references_;         // of narrow views while open
-  std::vector<FaceMap> drawn_;                // of views being opened
+  std::vector<FaceMap> drawn_;                // of narrow views being opened
   std::vector<FaceMap> maps_;                 // per view while open, as references
   std::vector<WarpTarget> targets_;
   std::vector<Buffers> spare_;

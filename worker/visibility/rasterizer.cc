@@ -16,6 +16,7 @@ constexpr int64_t kVertexGrain = 4096;
 constexpr int64_t kFaceChunk = 4096;  // the list of selected faces stays in the L1 cache
 constexpr int64_t kListBlock = 64;
 constexpr int kBandRows = 32;
+constexpr size_t kVertices_bytes = 256 << 20;
 
 // A mesh and how it is drawn into a map.
 struct Layer {
@@ -197,14 +198,21 @@ Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts,
                            std::span<const CameraWindow> windows, std::vector<FaceMap>* maps, double near_m,
                            std::span<const FaceSelection> selections) {
-  maps->resize(windows.size());
+  maps->resize(std::max(maps->size(), windows.size()));
   const auto selection = [&](size_t view) { return selections.empty() ? FaceSelection() : selections[view]; };
-  const int threads_each = ThreadCount() / std::max<int>(1, static_cast<int>(windows.size()));
-  ParallelForEach(windows.size(), 1, [&](size_t view) {
-    std::unique_ptr<Workspace> workspace = pool_->Take();
-    workspace->Draw(mesh, parts[view], windows[view], selection(view), near_m, threads_each, &(*maps)[view]);
-    pool_->Return(std::move(workspace));
-  });
+  // Few enough at once that their vertices take at most kVertices_bytes.
+  const size_t bytes = sizeof(GridVertex) * std::max<size_t>(1, mesh.vertices.size());
+  const size_t together = std::min(windows.size(), std::max<size_t>(1, kVertices_bytes / bytes));
+  for (size_t first = 0; first < windows.size(); first += together) {
+    const size_t count = std::min(together, windows.size() - first);
+    const int threads_each = ThreadCount() / static_cast<int>(count);
+    ParallelForEach(count, 1, [&](size_t i) {
+      const size_t view = first + i;
+      std::unique_ptr<Workspace> workspace = pool_->Take();
+      workspace->Draw(mesh, parts[view], windows[view], selection(view), near_m, threads_each, &(*maps)[view]);
+      pool_->Return(std::move(workspace));
+    });
+  }
 }
 
 void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out) {

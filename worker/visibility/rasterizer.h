@@ -31,7 +31,7 @@ struct FaceMap {
 void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out);
 
 // Renders meshes from the cameras of windows, sampled at pixel centres. Reuses its buffers (16 bytes per vertex and
-// thread) and those of the maps. Not thread-safe: one call at a time.
+// thread, at most 256 MiB or one thread's) and those of the maps. Not thread-safe: one call at a time.
 // Visibility: both sides of faces are drawn. A pixel centre on an edge belongs to exactly one of the two faces that
 // share it. Of equally deep faces the one of lower index wins.
 // Precision: vertices are rounded to 2^-15 pixel in the image; depth is perspective-correct on the rounded face, to
@@ -45,10 +45,10 @@ class Rasterizer {
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
-  // Draws parts[i] of the mesh for windows[i]. The windows are distributed over the threads; if there are at least
-  // twice as many threads, each window is drawn by several, in bands of rows. Parts closer than `near_m` are clipped.
-  // `selections`: of the windows' views; empty: each is selected for all faces. Faces for which a view is not selected
-  // hide others all the same.
+  // Draws parts[i] of the mesh for windows[i] into maps[i]; `maps` grows if it is shorter. The windows are distributed
+  // over the threads; if there are at least twice as many threads, each window is drawn by several, in bands of rows.
+  // Parts closer than `near_m` are clipped. `selections`: of the windows' views; empty: each is selected for all faces.
+  // Faces for which a view is not selected hide others all the same.
   void DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts, std::span<const CameraWindow> windows,
                  std::vector<FaceMap>* maps, double near_m = kNearPlane_m,
                  std::span<const FaceSelection> selections = {});

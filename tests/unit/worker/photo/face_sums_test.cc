@@ -5,6 +5,7 @@
 
 #include <Eigen/Dense>
 #include <random>
+#include <set>
 #include <tuple>
 
 #include "tests/support/draw_views.h"
@@ -122,6 +123,23 @@ TEST_P(FaceSumsTest, AreTheSumsOverThePixelsOfEachFace) {
   EXPECT_GT(seen, 300);
   EXPECT_GT(in_several_strips, 20);
   EXPECT_GT(expected[n - 1](2, 1), own.empty() || own[n - 1] ? 100 : -1) << "the face that reaches behind the camera";
+}
+
+TEST(FaceSlotsTest, TakeRoomForTheFacesOfAStripOnly) {
+  constexpr int32_t kFaces = 10000000;
+  constexpr size_t kPage = size_t{1} << FaceSlots::kPageBits;
+  FaceSlots slots;
+  for (int strip = 0; strip < 3; ++strip) {
+    slots.Begin(kFaces);
+    // Other faces in each strip: the first of the mesh, the last, and one between.
+    const int32_t between = 1000 * (strip + 1);
+    const std::set<uint32_t> places = {slots.SlotOf(0), slots.SlotOf(1), slots.SlotOf(between),
+                                       slots.SlotOf(kFaces - 1)};
+    EXPECT_EQ(places.size(), 4U);
+    EXPECT_LT(*places.rbegin(), slots.slots.size());
+    EXPECT_EQ(slots.SlotOf(between), slots.SlotOf(between));
+    EXPECT_LE(slots.slots.size(), 3 * kPage);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(OwnFaces, FaceSumsTest,
