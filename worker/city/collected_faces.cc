@@ -4,37 +4,56 @@
 
 namespace tessera {
 
+namespace {
+
+// The indices of items in the order of their ids.
+template <class Item>
+std::vector<uint32_t> ById(const std::vector<Item>& items) {
+  std::vector<uint64_t> keys(items.size());  // id, index
+  for (size_t i = 0; i < items.size(); ++i) keys[i] = static_cast<uint64_t>(items[i].id) << 32 | i;
+  std::sort(keys.begin(), keys.end());
+  std::vector<uint32_t> order(items.size());
+  for (size_t i = 0; i < keys.size(); ++i) order[i] = static_cast<uint32_t>(keys[i]);
+  return order;
+}
+
+}  // namespace
+
 void FaceCollector::Add(const CityBlock& block, size_t face) {
   if (block_ != block.vertex_ids.data()) {
     block_ = block.vertex_ids.data();
-    taken_.assign(block.vertex_ids.size(), 0);
+    place_.assign(block.vertex_ids.size(), kNone);
   }
-  for (const uint32_t v : block.mesh.faces[face]) {
-    if (taken_[v]) continue;
-    taken_[v] = 1;
-    vertices_.emplace_back(block.vertex_ids[v], block.mesh.vertices[v]);
+  Face& added = faces_.emplace_back(Face{block.face_ids[face], block.mesh.labels[face], {}});
+  for (int k = 0; k < 3; ++k) {
+    const uint32_t v = block.mesh.faces[face][k];
+    if (place_[v] == kNone) {
+      place_[v] = static_cast<uint32_t>(vertices_.size());
+      vertices_.push_back({block.vertex_ids[v], block.mesh.vertices[v]});
+    }
+    added.vertices[k] = place_[v];
   }
-  faces_.push_back({block.face_ids[face], block.GlobalFace(face), block.mesh.labels[face]});
 }
 
 CollectedFaces FaceCollector::Finish() {
   CollectedFaces out;
-  std::sort(vertices_.begin(), vertices_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-  for (const auto& [id, position] : vertices_) {
-    if (!out.vertex_ids.empty() && out.vertex_ids.back() == id) continue;  // a vertex of two blocks
-    out.vertex_ids.push_back(id);
-    out.mesh.vertices.push_back(position);
+  std::vector<uint32_t> index(vertices_.size());  // in `out`
+  for (const uint32_t v : ById(vertices_)) {
+    if (out.vertex_ids.empty() || out.vertex_ids.back() != vertices_[v].id) {  // else a vertex of two blocks
+      out.vertex_ids.push_back(vertices_[v].id);
+      out.mesh.vertices.push_back(vertices_[v].position);
+    }
+    index[v] = static_cast<uint32_t>(out.vertex_ids.size() - 1);
   }
   vertices_ = {};
-  std::sort(faces_.begin(), faces_.end(), [](const Picked& a, const Picked& b) { return a.id < b.id; });
-  for (const Picked& face : faces_) {
-    Triangle& local = out.mesh.faces.emplace_back();
-    for (int k = 0; k < 3; ++k) {
-      local[k] = static_cast<uint32_t>(
-          std::lower_bound(out.vertex_ids.begin(), out.vertex_ids.end(), face.vertices[k]) - out.vertex_ids.begin());
-    }
-    out.face_ids.push_back(face.id);
-    out.mesh.labels.push_back(face.label);
+  out.face_ids.reserve(faces_.size());
+  out.mesh.faces.reserve(faces_.size());
+  out.mesh.labels.reserve(faces_.size());
+  for (const uint32_t f : ById(faces_)) {
+    const auto& [a, b, c] = faces_[f].vertices;
+    out.face_ids.push_back(faces_[f].id);
+    out.mesh.faces.push_back({index[a], index[b], index[c]});
+    out.mesh.labels.push_back(faces_[f].label);
   }
   faces_ = {};
   block_ = nullptr;

@@ -3,7 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <utility>
+#include <limits>
 #include <vector>
 
 #include "common/base/status.h"
@@ -28,15 +28,20 @@ class FaceCollector {
   CollectedFaces Finish();
 
  private:
-  struct Picked {
-    uint32_t id;
-    Triangle vertices;  // global ids
-    int32_t label;
+  static constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+  struct Vertex {
+    uint32_t id;  // global
+    Eigen::Vector3d position;
   };
-  std::vector<Picked> faces_;
-  std::vector<std::pair<uint32_t, Eigen::Vector3d>> vertices_;  // by global id; unordered, with duplicates
-  std::vector<uint8_t> taken_;                                  // per vertex of the current block: already in vertices_
-  const uint32_t* block_ = nullptr;                             // identifies the current block
+  struct Face {
+    uint32_t id;  // global
+    int32_t label;
+    Triangle vertices;  // indices in `vertices_`
+  };
+  std::vector<Face> faces_;
+  std::vector<Vertex> vertices_;     // unordered; a vertex of two blocks is there twice
+  std::vector<uint32_t> place_;      // per vertex of the current block: index in `vertices_`, or kNone
+  const uint32_t* block_ = nullptr;  // identifies the current block
 };
 
 // The faces whose centroid lies in a rectangle of cells. Errors as CityReader::Block; CANCELLED.
