@@ -93,6 +93,11 @@ int64_t MemoryLimit_bytes() {
   return std::min({least, GroupMemoryLimit_bytes(), UserLimit_bytes()});
 }
 
+int64_t LookaheadLimit_bytes() {
+  static const int64_t limit = std::min(MemoryLimit_bytes() / 32, int64_t{256} << 20);
+  return limit;
+}
+
 void SetMemoryLimit(int64_t bytes) { UserLimit_bytes() = bytes > 0 ? bytes : kNoLimit; }
 
 int CoreLimit() {

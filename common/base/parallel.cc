@@ -17,7 +17,6 @@
 namespace tessera {
 namespace {
 
-constexpr double kBatch_bytes = 256 << 20;
 constexpr int kMostAtOnce = 16;
 
 // Pauses of a thread before it sleeps, at most about 50 us together: loops often follow each other at once. oneTBB's
@@ -247,13 +246,10 @@ void ConcurrentForEach(int64_t count, int at_once, const std::function<void(int6
   work();
 }
 
-double LargestBatch_bytes(double bytes_each) {
-  return std::max(bytes_each, std::min(kBatch_bytes, kMostAtOnce * bytes_each));
-}
-
 int ItemsAtOnce(double bytes_each) {
   const int most = std::min(ThreadCount(), kMostAtOnce);
-  return bytes_each * most <= kBatch_bytes ? most : std::max(1, static_cast<int>(kBatch_bytes / bytes_each));
+  const auto room = static_cast<double>(LookaheadLimit_bytes());
+  return bytes_each * most <= room ? most : std::max(1, static_cast<int>(room / bytes_each));
 }
 
 int ThreadCount() { return TheLimits().least(); }

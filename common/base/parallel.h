@@ -33,10 +33,8 @@ void ConcurrentForEach(int64_t count, int at_once, const std::function<void(int6
 int ThreadCount();
 
 // For loops over large items, such as images: how many to hold in memory at once. One per thread, at most 16, and no
-// more than fit in 256 MiB; at least one.
+// more than fit LookaheadLimit_bytes; at least one.
 int ItemsAtOnce(double bytes_each);
-// The most memory of so many items, for any number of threads.
-double LargestBatch_bytes(double bytes_each);
 
 // Limits the threads of ParallelFor in the whole process for the lifetime of the object; 0: one per core.
 class ThreadLimit {

@@ -1,10 +1,10 @@
 // The version of the algorithms. Raise it with every change of a task's output bytes; earlier results are then computed
-// again.
+// again. Raise it also with the memory that the cost model predicts: both parts of a job are laid out in tiles by it.
 #pragma once
 
 namespace tessera {
 
 // It is part of every task's key. Coordinator and workers must have the same version.
-inline constexpr char kAlgorithmVersion[] = "28";
+inline constexpr char kAlgorithmVersion[] = "29";
 
 }  // namespace tessera

@@ -8,7 +8,6 @@
 #include <string>
 #include <utility>
 
-#include "common/base/parallel.h"
 #include "common/job/change_cells.h"
 #include "common/job/sample_cell.h"
 
@@ -28,23 +27,23 @@ constexpr double kNear_m = 1e-3;
 constexpr double kMiB = 1 << 20;
 
 // An idle worker.
-constexpr double kFixedBytes = 68 * kMiB;
-// Bytes per pixel. `all`: of every crop (contours). `open`: of the crops in memory at once (face map, warp target,
-// luminance; PixelBytes adds likelihoods). kLabelPixelBytes: of the crop of a label step (face map, luminance).
-struct PixelCosts {
-  double all = 0, open = 0;
-};
-constexpr PixelCosts kRefinePixels = {2, 35}, kMeasurePixels = {4, 15};
-constexpr double kLabelPixelBytes = 10;
-// Bytes per face. Refine, solve and mend: of the task's region. Measure: of the core; of the visible set.
-constexpr double kRefineBytesPerFace = 850;
-constexpr double kMeasureBytesPerFace = 400, kVisibleBytesPerFace = 250;
-constexpr double kSolveBytesPerFace = 850, kMendBytesPerFace = 800;
-// Windows begin at multiples of 64 pixels and have padded rows.
-constexpr double kWindowShare = 1.15;
-// Crop; several images at a time (LargestBatch_bytes). Bytes per pixel of the whole file: photograph (RGB and
-// compressed); .npy array, per class; .png labels. TIFFs are not held whole. kCropBytes: per pixel and plane of the
-// crop (floats before and after undistortion, and as stored).
+constexpr double kFixedBytes = 40 * kMiB;
+// Pixels of the windows in memory at once / pixels of these crops; in measure with the windows of references. Bytes per
+// pixel of all crops at full resolution: contours lie along edges, so they grow with the width of the images.
+constexpr double kRefineWindows = 0.65, kMeasureWindows = 1.3, kContourBytes = 5.5;
+// Face map, warp target and luminance of a pixel; PixelBytes adds likelihoods. Face map and luminance of a label step.
+constexpr double kOpenPixelBytes = 14, kLabelPixelBytes = 10;
+// Predictions are for two threads: what more of them need is bounded by a small share of a worker's memory
+// (LookaheadLimit_bytes). Views that two threads open ahead (ViewSchedule), and the bound on their memory.
+constexpr double kViewsAhead = 4, kAheadBytes = 256 * kMiB;
+// Bytes per face: of refine; of measure in the core and of solve in its region, and of these tasks in the package; of
+// mend in the package.
+constexpr double kRefineBytesPerFace = 690;
+constexpr double kMeasureBytesPerFace = 300, kMeasurePackageBytes = 60;
+constexpr double kSolveBytesPerFace = 330, kSolvePackageBytes = 190, kMendBytesPerFace = 350;
+// Crop. Bytes per pixel of the whole file: photograph (RGB and compressed); .npy array, per class; .png labels. TIFFs
+// are not held whole. kCropBytes: per pixel and plane of the crop (floats before and after undistortion, and as
+// stored).
 constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
 constexpr double kTaskSeconds = 0.01;      // per task: transfer of its files
 constexpr double kFaceSeconds = 4e-6;      // per face, before the first step
@@ -65,11 +64,13 @@ constexpr double kClassifyPixelBytes = 140, kClassifyBytesPerFace = 250, kClassi
 constexpr double kStoredClassified = 0.6;  // per pixel and class
 constexpr double kReadSeconds = 10e-9;     // per crop pixel and class
 
-constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
+constexpr double kCutBytesPerCityFace = 240, kCutBytesPerFace = 160;
 constexpr double kCutSecondsPerCityFace = 0.7e-6, kCutSecondsPerFace = 0.8e-6, kCutSecondsPerFaceView = 5e-9;
-constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
+constexpr double kIngestBytesPerFace = 490, kIngestSecondsPerFaceView = 0.2e-6;
+// The check of the scene's fit: bytes per pixel of the images that it keeps (common/check/fit_readings.cc).
+constexpr double kFitPixelBytes = 2.3, kFitImages = 48, kFitImagePixels = 1.5e6;
 // The second split: per face before and after.
-constexpr double kSecondSplitBytesPerFace = 180, kSecondSplitSecondsPerFace = 2.5e-6;
+constexpr double kSecondSplitBytesPerFace = 200, kSecondSplitSecondsPerFace = 2.5e-6;
 constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 2.6e-6;
 constexpr double kFlipBytesPerFace = 110;  // of a tile; assumes one tile of up to kResidentFaces
 
@@ -193,17 +194,22 @@ double DecodedLikelihoodBytes(const std::string& path, int planes) {
   return path.ends_with(".png") ? kLabelBytes : 0;
 }
 
-// Memory of the views.
-double PixelBytes(const TileWork& work, const RefineEffort& effort, const PixelCosts& costs) {
+// Memory of the images that two threads load at the same time (ItemsAtOnce).
+double ImagesBytes(double bytes_each) { return std::max(bytes_each, std::min(2 * bytes_each, kAheadBytes)); }
+
+// Memory of the views in iterations.
+double PixelBytes(const TileWork& work, const RefineEffort& effort, double windows) {
   const double packed_planes = 4.0 * ((work.likelihood_planes + 3) / 4);
-  return effort.finest_share * kWindowShare *
-         (costs.all * work.pixels + (costs.open + packed_planes) * work.open_pixels);
+  const double bytes = effort.finest_share * windows * (kOpenPixelBytes + packed_planes);
+  const double ahead = std::min(kViewsAhead * work.largest_crop, work.pixels - work.open_pixels);
+  return std::sqrt(effort.finest_share) * kContourBytes * work.pixels + bytes * work.open_pixels +
+         std::min(bytes * ahead, kAheadBytes);
 }
 
 // Memory of the views of a label step.
 double LabelPixelBytes(const TileWork& work, const RefineEffort& effort) {
   if (effort.labellings == 0) return 0;
-  return LargestBatch_bytes((kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop);
+  return ImagesBytes((kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop);
 }
 
 bool IsOnlyTile(const TileWork& work) { return work.visible_faces < work.core_faces + 1; }
@@ -225,15 +231,21 @@ double SolveSeconds(double faces, const RefineEffort& effort) {
 }  // namespace
 
 TileWork WithFaces(TileWork work, double share) {
-  for (double* faces : {&work.core_faces, &work.solve_faces, &work.visible_faces, &work.drawn_faces}) *faces *= share;
+  for (double* faces :
+       {&work.core_faces, &work.solve_faces, &work.visible_faces, &work.package_faces, &work.drawn_faces}) {
+    *faces *= share;
+  }
   return work;
 }
 
 TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
   const Survey& survey = cells.survey();
   const double cell_m = survey.ground.cell_m, apron_m = kApronGsd * survey.gsd_m, solve_m = kSolveGsd * survey.gsd_m,
-               visible_m = kVisibleSetGsd * survey.gsd_m;
+               visible_m = kVisibleSetGsd * survey.gsd_m, package_m = kPackageGsd * survey.gsd_m;
   TileWork work;
+  cells.ForEachWithin(core, package_m, [&](const SurveyCell& cell) {
+    work.package_faces += static_cast<double>(cell.faces) * ShareWithin(cell, core, package_m, cell_m);
+  });
   std::vector<Box> boxes;
   std::set<int32_t> views;
   std::vector<const SurveyCell*> measured;  // cells whose faces the tile measures
@@ -315,7 +327,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   Prediction prediction;
   prediction.peak_bytes = Bytes(kFixedBytes + kRefineBytesPerFace * work.core_faces +
-                                std::max(PixelBytes(work, effort, kRefinePixels), LabelPixelBytes(work, effort)));
+                                std::max(PixelBytes(work, effort, kRefineWindows), LabelPixelBytes(work, effort)));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.core_faces + MeasureSeconds(work, effort) +
                             SolveSeconds(work.core_faces, effort) + kMendSeconds * work.core_faces * effort.mends;
   prediction.stored_bytes = Bytes(kStoredState * work.core_faces);
@@ -324,10 +336,9 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
 
 Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
   const double tasks = effort.iterations + effort.labellings;
-  const double pixel_bytes =
-      std::max(effort.iterations > 0 ? PixelBytes(work, effort, kMeasurePixels) : 0, LabelPixelBytes(work, effort));
+  const double pixel_bytes = std::max(PixelBytes(work, effort, kMeasureWindows), LabelPixelBytes(work, effort));
   return {tasks * (kTaskSeconds + kStateSeconds * work.visible_faces) + MeasureSeconds(work, effort),
-          Bytes(kFixedBytes + kMeasureBytesPerFace * work.core_faces + kVisibleBytesPerFace * work.visible_faces +
+          Bytes(kFixedBytes + kMeasureBytesPerFace * work.core_faces + kMeasurePackageBytes * work.package_faces +
                 pixel_bytes),
           Bytes(effort.iterations * kStoredMeasuredFace * work.core_faces +
                 effort.widths * kStoredPairPixel * work.pair_pixels +
@@ -337,13 +348,13 @@ Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
 Prediction PredictSolve(const TileWork& work, const RefineEffort& effort) {
   const double tasks = effort.iterations + effort.labellings;
   return {tasks * (kTaskSeconds + 2 * kStateSeconds * work.solve_faces) + SolveSeconds(work.solve_faces, effort),
-          Bytes(kFixedBytes + kSolveBytesPerFace * work.solve_faces),
+          Bytes(kFixedBytes + kSolveBytesPerFace * work.solve_faces + kSolvePackageBytes * work.package_faces),
           Bytes((effort.iterations * kStoredIteration + effort.labellings * kStoredState) * work.core_faces)};
 }
 
 Prediction PredictMend(const TileWork& work, const RefineEffort& effort) {
   return {effort.mends * (kTaskSeconds + (kStateSeconds + kTileMendShare * kMendSeconds) * work.solve_faces),
-          Bytes(kFixedBytes + kMendBytesPerFace * work.solve_faces),
+          Bytes(kFixedBytes + kMendBytesPerFace * work.package_faces),
           Bytes(effort.mends * kStoredState * work.core_faces)};
 }
 
@@ -353,7 +364,7 @@ Prediction PredictCrop(const TileWork& work) {
       IsOnlyTile(work) ? kStoredCropShare * work.pixels : std::min(kStoredRimShare * work.pixels, work.image_pixels);
   return {kTaskSeconds + kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels,
           Bytes(kFixedBytes + kLoadBytesPerFace * work.visible_faces +
-                LargestBatch_bytes(kCropBytes * (1 + planes) * work.largest_crop + work.largest_decoded)),
+                ImagesBytes(kCropBytes * (1 + planes) * work.largest_crop + work.largest_decoded)),
           Bytes((kStoredPixel + kStoredPlanePixel * planes) * stored_pixels)};
 }
 
@@ -377,14 +388,19 @@ Prediction PredictIngest(const Survey& survey) {
   const double planes = !survey.classifier.empty() ? 1
                         : survey.has_likelihoods   ? static_cast<double>(survey.classes.size())
                                                    : 0;
-  double pixels = 0;  // of all views: ingest checks each file
+  double pixels = 0, largest = 0;  // of all views: ingest checks each file
   for (const SceneView& view : survey.views) {
-    pixels += static_cast<double>(view.camera.intrinsics.width) * view.camera.intrinsics.height;
+    const double of_view = static_cast<double>(view.camera.intrinsics.width) * view.camera.intrinsics.height;
+    pixels += of_view;
+    largest = std::max(largest, of_view);
   }
-  return {kDecodeSeconds * (1 + planes) * pixels + kIngestSecondsPerFaceView * face_views,
-          Bytes(kFixedBytes + CityBytes(kIngestBytesPerFace, static_cast<double>(survey.faces))),
-          Bytes(kStoredCityFace * static_cast<double>(survey.faces) +
-                kStoredView * static_cast<double>(survey.views.size()))};
+  const double kept =
+      std::min(static_cast<double>(survey.views.size()), kFitImages) * std::min(largest, kFitImagePixels);
+  return {
+      kDecodeSeconds * (1 + planes) * pixels + kIngestSecondsPerFaceView * face_views,
+      Bytes(kFixedBytes + CityBytes(kIngestBytesPerFace, static_cast<double>(survey.faces)) + kFitPixelBytes * kept),
+      Bytes(kStoredCityFace * static_cast<double>(survey.faces) +
+            kStoredView * static_cast<double>(survey.views.size()))};
 }
 
 std::vector<Prediction> PredictClassify(const Survey& survey) {
@@ -445,6 +461,6 @@ Prediction PredictChanges(const Survey& survey, double blocks) {
           Bytes(kStoredChangeCell * cells)};
 }
 
-int64_t LeastTileBytes(double faces) { return Bytes(kFixedBytes + kSolveBytesPerFace * faces); }
+int64_t LeastTileBytes(double faces) { return Bytes(kFixedBytes + (kSolveBytesPerFace + kSolvePackageBytes) * faces); }
 
 }  // namespace tessera

@@ -23,7 +23,7 @@ struct RefineEffort {
   double warps = 0;         // evaluations of all pairs in both directions; one at level l counts 4^-l
   double iterations = 0;    // iterations at any level
   double widths = 0;        // relative image widths, summed: level l counts 2^-l
-  double finest_share = 0;  // pixels of the finest level / pixels at full resolution
+  double finest_share = 0;  // of iterations: pixels of the finest level / pixels at full resolution
   double labellings = 0;    // label solves at full resolution
   double mends = 0;         // fold repairs
 };
@@ -51,13 +51,15 @@ std::vector<int> ActiveStepsOf(const JobSettings& settings, const Survey& survey
 
 // Expected dependency radii around a tile's core in GSD: visible set; solver step; image windows. The cut task
 // determines the exact ones on the mesh.
-inline constexpr double kVisibleSetGsd = 220, kSolveGsd = 160, kApronGsd = 32;
+// And of all that the package has: the repair reaches farthest.
+inline constexpr double kVisibleSetGsd = 220, kSolveGsd = 160, kApronGsd = 32, kPackageGsd = 640;
 
 // Quantities of a tile. Faces: after splitting. Pixels: at full resolution, of the core and its apron.
 struct TileWork {
   double core_faces = 0;
   double solve_faces = 0;      // of the core and kSolveGsd around it
   double visible_faces = 0;    // of the core and kVisibleSetGsd around it
+  double package_faces = 0;    // of the core and kPackageGsd around it
   std::vector<int32_t> views;  // views that the tile's cells chose, ascending
   int seeing_views = 0;        // number of these whose image contains a part of the tile
   double pixels = 0;           // of all crops of the tile
@@ -128,7 +130,7 @@ int64_t LeastTileBytes(double faces);
 struct Interval {
   double low = 1, high = 1;
 };
-inline constexpr Interval kRefineSecondsInterval = {0.7, 1.5}, kRefineBytesInterval = {0.65, 1.1},
+inline constexpr Interval kRefineSecondsInterval = {0.7, 1.5}, kRefineBytesInterval = {0.8, 1.15},
                           kStoredBytesInterval = {0.85, 1.15};
 
 }  // namespace tessera

@@ -15,7 +15,7 @@ constexpr double kMovedSplitShare = 0.9;
 RefineEffort EffortOf(const RefineStep& step) {
   RefineEffort effort;
   if (step.labels()) {
-    effort.finest_share = effort.labellings = 1;
+    effort.labellings = 1;
   } else {
     effort.evaluations = effort.finest_share = std::ldexp(1.0, -2 * step.level);
     effort.warps = (step.directions == PairDirections::kBoth ? 1 : 0.5) * effort.evaluations;

@@ -116,7 +116,7 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
         "1f\t%."
         "3f\t%.1f\t%.0f\n",
         run.c_str(), kind.c_str(), tile, static_cast<double>(survey.faces), work.core_faces, work.solve_faces,
-        work.visible_faces, work.seeing_views, work.pixels, work.pair_pixels, work.drawn_faces, work.open_pixels,
+        work.package_faces, work.seeing_views, work.pixels, work.pair_pixels, work.drawn_faces, work.open_pixels,
         work.image_pixels, work.largest_crop, work.likelihood_planes, effort.evaluations, effort.iterations,
         effort.labellings, survey.views.size(), threads, seconds, bytes / (1 << 20), prediction.core_seconds,
         static_cast<double>(prediction.peak_bytes) / (1 << 20),
@@ -145,7 +145,7 @@ int main(int argc, char** argv) {
   app.add_option("RUN", runs, "Folders with job.json and survey.json")->required();
   CLI11_PARSE(app, argc, argv);
   std::printf(
-      "run\tkind\ttile\tcity_faces\tcore_faces\tsolve_faces\tsight_faces\tviews\tpixels\tpair_pixels\tdrawn_"
+      "run\tkind\ttile\tcity_faces\tcore_faces\tsolve_faces\tpackage_faces\tviews\tpixels\tpair_pixels\tdrawn_"
       "faces\topen_pixels\t"
       "image_pixels\tlargest_crop\tplanes\tevaluations\titerations\tlabellings\tcity_"
       "views\tthreads\tseconds\tMiB\tpredicted_"

@@ -6,6 +6,7 @@
 #include <iterator>
 #include <utility>
 
+#include "common/base/machine_limits.h"
 #include "common/base/parallel.h"
 #include "worker/visibility/visible_cells.h"
 
@@ -318,7 +319,7 @@ void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh&
                          const MeshCells* cells, const Clock* clock, PhotoSums* out, const MapVisitor& visit) {
   const double start_s = Seconds(clock);
   out->seconds_visibility = 0;
-  schedule_ = ViewSchedule(pairs, views_.size());
+  schedule_ = ViewSchedule(pairs, views_.size(), static_cast<double>(LookaheadLimit_bytes()));
   FindWork(pairs, mesh, own, cells);
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());

@@ -95,7 +95,7 @@ class PhotoTerm {
   // `cells`, `clock` and `visit` may be null. With `cells`, group i of `groups` must be cell i, and invisible cells are
   // not drawn (FindVisibleCells). A view is drawn when the first pair needs it and freed after the last one, so memory
   // is bounded by the views open at the same time: views of a pair should be close in the list. With many threads, up
-  // to ViewSchedule::kAhead_bytes of later views are open, and as much is used to evaluate several references together.
+  // to LookaheadLimit_bytes of later views are open, and as much is used to evaluate several references together.
   void Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                 const MeshCells* cells, const Clock* clock, PhotoSums* out, const MapVisitor& visit = nullptr);
 

@@ -11,8 +11,8 @@ constexpr int kStripsPerThread = 4;  // that are evaluated together: they take u
 
 }  // namespace
 
-ViewSchedule::ViewSchedule(const std::vector<ViewPair>& pairs, size_t views)
-    : pairs_(views), opening_(views), closing_(views) {
+ViewSchedule::ViewSchedule(const std::vector<ViewPair>& pairs, size_t views, double ahead_bytes)
+    : pairs_(views), opening_(views), closing_(views), ahead_bytes_(ahead_bytes) {
   std::iota(opening_.begin(), opening_.end(), size_t{0});
   first_step_ = opening_;
   std::vector<size_t> last_step = opening_;
@@ -41,7 +41,7 @@ std::vector<size_t> ViewSchedule::Open(size_t step, int threads, const std::func
     const size_t view = opening_[opened_];
     if (first_step_[view] > step) {
       ahead_bytes += bytes(view);
-      if (open.size() >= most || ahead_bytes > kAhead_bytes) break;
+      if (open.size() >= most || ahead_bytes > ahead_bytes_) break;
     }
     open.push_back(view);
   }
@@ -58,7 +58,7 @@ size_t ViewSchedule::EndOfBatch(size_t step, int threads, const std::function<in
     if (opened_ < opening_.size() && first_step_[opening_[opened_]] <= end) break;  // a view of it is not open
     const int more = strips(end);
     if (more > 0) bytes += bytes_each;
-    if (bytes > kAhead_bytes) break;
+    if (bytes > ahead_bytes_) break;
     together += more;
   }
   return end;

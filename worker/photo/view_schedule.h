@@ -15,13 +15,11 @@ namespace tessera {
 // Step i processes reference i. A view is open from the first step that reads it to the last.
 class ViewSchedule {
  public:
-  // Bound on the memory of views that are open although no reference needs them yet, and on that of references that are
-  // evaluated together beside the first.
-  static constexpr double kAhead_bytes = 256 << 20;
-
   ViewSchedule() = default;
-  // `pairs`: sorted by reference; must outlive the object. `views`: their number.
-  ViewSchedule(const std::vector<ViewPair>& pairs, size_t views);
+  // `pairs`: sorted by reference; must outlive the object. `views`: their number. `ahead_bytes`: bound on the memory of
+  // views that are open although no reference needs them yet, and on that of references that are evaluated together
+  // beside the first.
+  ViewSchedule(const std::vector<ViewPair>& pairs, size_t views, double ahead_bytes);
 
   // The views to open before reference `step`, in the order of first use: none if those that it needs are open; else
   // these and some that later references need, so that two views per thread are opened together if `bytes` (of a view
@@ -44,6 +42,7 @@ class ViewSchedule {
   std::vector<size_t> first_step_;                // per view
   std::vector<std::vector<size_t>> closing_;      // per step: views whose last step it is
   size_t opened_ = 0;                             // how many views of `opening_` have been opened
+  double ahead_bytes_ = 0;
 };
 
 }  // namespace tessera

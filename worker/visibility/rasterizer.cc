@@ -16,7 +16,6 @@ constexpr int64_t kVertexGrain = 4096;
 constexpr int64_t kFaceChunk = 4096;  // the list of selected faces stays in the L1 cache
 constexpr int64_t kListBlock = 64;
 constexpr int kBandRows = 32;
-constexpr size_t kVertices_bytes = 256 << 20;
 
 // A mesh and how it is drawn into a map.
 struct Layer {
@@ -190,7 +189,8 @@ struct Rasterizer::Pool {
   }
 };
 
-Rasterizer::Rasterizer() : pool_(std::make_unique<Pool>()) {}
+Rasterizer::Rasterizer(int64_t most_bytes)
+    : most_bytes_(static_cast<size_t>(most_bytes)), pool_(std::make_unique<Pool>()) {}
 Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
@@ -200,9 +200,8 @@ void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> p
                            std::span<const FaceSelection> selections) {
   maps->resize(std::max(maps->size(), windows.size()));
   const auto selection = [&](size_t view) { return selections.empty() ? FaceSelection() : selections[view]; };
-  // Few enough at once that their vertices take at most kVertices_bytes.
   const size_t bytes = sizeof(GridVertex) * std::max<size_t>(1, mesh.vertices.size());
-  const size_t together = std::min(windows.size(), std::max<size_t>(1, kVertices_bytes / bytes));
+  const size_t together = std::min(windows.size(), std::max<size_t>(1, most_bytes_ / bytes));
   for (size_t first = 0; first < windows.size(); first += together) {
     const size_t count = std::min(together, windows.size() - first);
     const int threads_each = ThreadCount() / static_cast<int>(count);

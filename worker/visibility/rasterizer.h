@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "common/base/machine_limits.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "worker/visibility/image_window.h"
@@ -31,7 +32,7 @@ struct FaceMap {
 void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out);
 
 // Renders meshes from the cameras of windows, sampled at pixel centres. Reuses its buffers (16 bytes per vertex and
-// thread, at most 256 MiB or one thread's) and those of the maps. Not thread-safe: one call at a time.
+// window that is being drawn) and those of the maps. Not thread-safe: one call at a time.
 // Visibility: both sides of faces are drawn. A pixel centre on an edge belongs to exactly one of the two faces that
 // share it. Of equally deep faces the one of lower index wins.
 // Precision: vertices are rounded to 2^-15 pixel in the image; depth is perspective-correct on the rounded face, to
@@ -40,7 +41,8 @@ void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out);
 // result does not depend on the number of threads.
 class Rasterizer {
  public:
-  Rasterizer();
+  // `most_bytes`: of projected vertices, but at least those of one window.
+  explicit Rasterizer(int64_t most_bytes = LookaheadLimit_bytes());
   ~Rasterizer();
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
@@ -57,6 +59,7 @@ class Rasterizer {
   struct Workspace;
   struct Pool;
 
+  size_t most_bytes_;
   std::unique_ptr<Pool> pool_;
 };
 

@@ -4,6 +4,7 @@
 #include <sched.h>
 #include <sys/resource.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -76,6 +77,19 @@ TEST_F(MachineLimitsTest, AppliesUserLimitAndAffinityMask) {
   })
       .join();
   EXPECT_GE(CoreLimit(), 1);
+}
+
+// Each in a process of its own: the first call decides.
+TEST(MachineLimitsDeathTest, LookaheadIsASmallShareOfTheMemory) {
+  testing::GTEST_FLAG(death_test_style) = "threadsafe";
+  const auto lookahead_of = [](int64_t memory) {
+    SetMemoryLimit(memory);
+    const int64_t first = LookaheadLimit_bytes();
+    SetMemoryLimit(0);
+    return LookaheadLimit_bytes() == first ? static_cast<int>(first >> 20) : 255;
+  };
+  EXPECT_EXIT(std::exit(lookahead_of(int64_t{1} << 30)), testing::ExitedWithCode(32), "");
+  EXPECT_EXIT(std::exit(lookahead_of(int64_t{2} << 30)), testing::ExitedWithCode(64), "");
 }
 
 TEST(MachineLimits, AppliesResourceLimits) {

@@ -178,6 +178,29 @@ TEST(CostModel, PartialCellsCountByTheirShare) {
   EXPECT_GE(work.visible_faces, 100 * (25 + 4 * 5 * visible_cells));
   EXPECT_LE(work.solve_faces, 100 * std::pow(5 + 2 * solve_cells, 2) + 1e-6);
   EXPECT_GE(work.solve_faces, 100 * (25 + 4 * 5 * solve_cells));
+  // The package reaches farther.
+  const double package_cells = kPackageGsd * survey.gsd_m / survey.ground.cell_m;
+  EXPECT_LE(work.package_faces, 100 * std::pow(5 + 2 * package_cells, 2) + 1e-6);
+  EXPECT_GE(work.package_faces, 100 * (25 + 4 * 5 * package_cells));
+  EXPECT_EQ(WithFaces(work, 0.5).package_faces, 0.5 * work.package_faces);
+}
+
+TEST(CostModel, ViewsOpenAheadCountUpToTheirBound) {
+  TileWork work;
+  work.pixels = 100e6;
+  work.open_pixels = 20e6;
+  RefineEffort effort;
+  effort.iterations = effort.finest_share = 1;
+  const auto peak = [&](double largest_crop) {
+    TileWork with = work;
+    with.largest_crop = largest_crop;
+    return PredictRefine(with, effort).peak_bytes;
+  };
+  const int64_t none = peak(0), small = peak(1e6), huge = peak(50e6);
+  EXPECT_GT(small, none + 4 * 1e6 * 9) << "four views, at least 9 bytes a pixel";
+  EXPECT_EQ(huge - none, int64_t{256} << 20);
+  work.open_pixels = work.pixels;  // there are no others
+  EXPECT_EQ(peak(1e6), peak(0));
 }
 
 TEST(CostModel, CoarserLevelsCostLess) {

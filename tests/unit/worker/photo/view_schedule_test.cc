@@ -25,11 +25,13 @@ std::vector<size_t> Range(size_t begin, size_t end) {
   return out;
 }
 
+constexpr double kAhead_bytes = 256 << 20;
+
 double Nothing(size_t) { return 0; }
 
 // Runs all steps. Checks that the views of all references that are evaluated are open, and open only once.
 void CheckAll(const std::vector<ViewPair>& pairs, size_t views, int threads, int strips_each, double view_bytes) {
-  ViewSchedule schedule(pairs, views);
+  ViewSchedule schedule(pairs, views, kAhead_bytes);
   std::vector<int> opened(views, 0), closed(views, 0);
   std::vector<size_t> references;
   for (size_t step = 0; step < views;) {
@@ -60,8 +62,8 @@ TEST(ViewScheduleTest, TheViewsOfReferencesAreOpen) {
     for (const int threads : {1, 2, 5, 64}) {
       for (const int strips : {0, 1, 3, 50}) {
         CheckAll(pairs, 20, threads, strips, 1);
-        CheckAll(pairs, 20, threads, strips, ViewSchedule::kAhead_bytes / 2.5);
-        CheckAll(pairs, 20, threads, strips, 2 * ViewSchedule::kAhead_bytes);
+        CheckAll(pairs, 20, threads, strips, kAhead_bytes / 2.5);
+        CheckAll(pairs, 20, threads, strips, 2 * kAhead_bytes);
       }
     }
   }
@@ -69,7 +71,7 @@ TEST(ViewScheduleTest, TheViewsOfReferencesAreOpen) {
 
 TEST(ViewScheduleTest, OpensTwoViewsForEachThreadTogether) {
   const std::vector<ViewPair> pairs = Neighbours(30, 2);
-  ViewSchedule schedule(pairs, 30);
+  ViewSchedule schedule(pairs, 30, kAhead_bytes);
   EXPECT_EQ(schedule.Open(0, 4, Nothing), Range(0, 8));
   for (size_t step = 1; step < 6; ++step) EXPECT_EQ(schedule.Open(step, 4, Nothing), Range(0, 0)) << step;
   EXPECT_EQ(schedule.Open(6, 4, Nothing), Range(8, 16));
@@ -77,17 +79,17 @@ TEST(ViewScheduleTest, OpensTwoViewsForEachThreadTogether) {
 
 TEST(ViewScheduleTest, ViewsThatAreNotNeededYetFitTheBound) {
   const std::vector<ViewPair> pairs = Neighbours(30, 2);
-  const auto a_third = [](size_t) { return ViewSchedule::kAhead_bytes / 3; };
-  ViewSchedule schedule(pairs, 30);
+  const auto a_third = [](size_t) { return kAhead_bytes / 3; };
+  ViewSchedule schedule(pairs, 30, kAhead_bytes);
   EXPECT_EQ(schedule.Open(0, 64, a_third), Range(0, 6));  // the first three are needed
   EXPECT_EQ(schedule.Open(4, 64, a_third), Range(6, 10));
-  ViewSchedule large(pairs, 30);
-  EXPECT_EQ(large.Open(0, 64, [](size_t) { return 2 * ViewSchedule::kAhead_bytes; }), Range(0, 3));
+  ViewSchedule large(pairs, 30, kAhead_bytes);
+  EXPECT_EQ(large.Open(0, 64, [](size_t) { return 2 * kAhead_bytes; }), Range(0, 3));
 }
 
 TEST(ViewScheduleTest, AFewStripsForEachThreadAreEvaluatedTogether) {
   const std::vector<ViewPair> pairs = Neighbours(30, 2);
-  ViewSchedule schedule(pairs, 30);
+  ViewSchedule schedule(pairs, 30, kAhead_bytes);
   schedule.Open(0, 100, Nothing);
   const auto three = [](size_t) { return 3; };
   EXPECT_EQ(schedule.EndOfBatch(0, 1, three, 1), 2u);  // 4 strips
@@ -95,8 +97,8 @@ TEST(ViewScheduleTest, AFewStripsForEachThreadAreEvaluatedTogether) {
   EXPECT_EQ(schedule.EndOfBatch(5, 4, [](size_t) { return 16; }, 1), 6u);
   EXPECT_EQ(schedule.EndOfBatch(20, 100, three, 1), 30u);
   // The first reference does not count.
-  EXPECT_EQ(schedule.EndOfBatch(5, 100, three, ViewSchedule::kAhead_bytes / 3), 9u);
-  EXPECT_EQ(schedule.EndOfBatch(5, 100, three, 2 * ViewSchedule::kAhead_bytes), 6u);
+  EXPECT_EQ(schedule.EndOfBatch(5, 100, three, kAhead_bytes / 3), 9u);
+  EXPECT_EQ(schedule.EndOfBatch(5, 100, three, 2 * kAhead_bytes), 6u);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include "common/base/parallel.h"
 #include "common/base/random.h"
 #include "tests/support/draw_views.h"
+#include "worker/visibility/raster_kernel.h"
 
 namespace tessera {
 namespace {
@@ -96,6 +97,26 @@ TEST(Rasterizer, FacesOfGroupsThatAreNotSelectedHideWithoutTheirName) {
       EXPECT_EQ(some.back().depth, all.back().depth);
       EXPECT_GT(hidden, 1000);
       EXPECT_GT(unbounded, 10);
+    }
+  }
+}
+
+TEST(Rasterizer, DrawsTheSameIfFewWindowsFitTheMemory) {
+  const TriangleMesh mesh = Terrain(24, 30, 8, 3);
+  std::vector<CameraWindow> windows;
+  for (int i = 0; i < 7; ++i) windows.push_back(LookingDown(50 + 2 * i, 0.5));
+  std::vector<MeshPart> parts;
+  for (const CameraWindow& window : windows) parts.push_back(CellBoxes(mesh).InWindow(window, kNearPlane_m));
+  std::vector<FaceMap> together;
+  Rasterizer().DrawParts(mesh, parts, windows, &together);
+  for (const size_t at_once : {0, 1, 3}) {
+    std::vector<FaceMap> maps;
+    Rasterizer(static_cast<int64_t>(at_once * sizeof(GridVertex) * mesh.vertices.size()))
+        .DrawParts(mesh, parts, windows, &maps);
+    ASSERT_EQ(maps.size(), windows.size());
+    for (size_t i = 0; i < maps.size(); ++i) {
+      EXPECT_EQ(maps[i].face, together[i].face) << at_once << " at once, window " << i;
+      EXPECT_EQ(maps[i].depth, together[i].depth) << at_once << " at once, window " << i;
     }
   }
 }
