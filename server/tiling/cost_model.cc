@@ -36,10 +36,10 @@ constexpr double kOpenPixelBytes = 14, kLabelPixelBytes = 10;
 // Predictions are for two threads: what more of them need is bounded by a small share of a worker's memory
 // (LookaheadLimit_bytes). Views that two threads open ahead (ViewSchedule), and the bound on their memory.
 constexpr double kViewsAhead = 4, kAheadBytes = 256 * kMiB;
-// Bytes per face: of refine; of measure in the core and of solve in its region, and of these tasks in the package; of
-// mend in the package.
+// Bytes per face: of refine; of measure in the core and of solve in its region, and of these tasks in the package, more
+// in a label step; of mend in the package.
 constexpr double kRefineBytesPerFace = 690;
-constexpr double kMeasureBytesPerFace = 300, kMeasurePackageBytes = 60;
+constexpr double kMeasureBytesPerFace = 300, kMeasurePackageBytes = 60, kLabelPackageBytes = 110;
 constexpr double kSolveBytesPerFace = 330, kSolvePackageBytes = 190, kMendBytesPerFace = 350;
 // Crop. Bytes per pixel of the whole file: photograph (RGB and compressed); .npy array, per class; .png labels. TIFFs
 // are not held whole. kCropBytes: per pixel and plane of the crop (floats before and after undistortion, and as
@@ -206,10 +206,11 @@ double PixelBytes(const TileWork& work, const RefineEffort& effort, double windo
          std::min(bytes * ahead, kAheadBytes);
 }
 
-// Memory of the views of a label step.
-double LabelPixelBytes(const TileWork& work, const RefineEffort& effort) {
+// Memory of the views and the sums of a label step.
+double LabelBytes(const TileWork& work, const RefineEffort& effort) {
   if (effort.labellings == 0) return 0;
-  return ImagesBytes((kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop);
+  return kLabelPackageBytes * work.package_faces +
+         ImagesBytes((kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop);
 }
 
 bool IsOnlyTile(const TileWork& work) { return work.visible_faces < work.core_faces + 1; }
@@ -327,7 +328,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   Prediction prediction;
   prediction.peak_bytes = Bytes(kFixedBytes + kRefineBytesPerFace * work.core_faces +
-                                std::max(PixelBytes(work, effort, kRefineWindows), LabelPixelBytes(work, effort)));
+                                std::max(PixelBytes(work, effort, kRefineWindows), LabelBytes(work, effort)));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.core_faces + MeasureSeconds(work, effort) +
                             SolveSeconds(work.core_faces, effort) + kMendSeconds * work.core_faces * effort.mends;
   prediction.stored_bytes = Bytes(kStoredState * work.core_faces);
@@ -336,7 +337,7 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
 
 Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
   const double tasks = effort.iterations + effort.labellings;
-  const double pixel_bytes = std::max(PixelBytes(work, effort, kMeasureWindows), LabelPixelBytes(work, effort));
+  const double pixel_bytes = std::max(PixelBytes(work, effort, kMeasureWindows), LabelBytes(work, effort));
   return {tasks * (kTaskSeconds + kStateSeconds * work.visible_faces) + MeasureSeconds(work, effort),
           Bytes(kFixedBytes + kMeasureBytesPerFace * work.core_faces + kMeasurePackageBytes * work.package_faces +
                 pixel_bytes),
