@@ -1,5 +1,5 @@
 // The version of the algorithms. Raise it with every change of a task's output bytes; earlier results are then computed
-// again. Raise it also with the memory that the cost model predicts: both parts of a job are laid out in tiles by it.
+// again. Raise it also with the constants of the cost model: both parts of a job are laid out in tiles by them.
 #pragma once
 
 namespace tessera {

@@ -122,7 +122,8 @@ class KdSplitter {
     }
     return absl::InvalidArgumentError(absl::StrFormat(
         "tile memory: found %.2f GiB, expected at least %.2f GiB for the ground cell at (%d, %d) alone: "
-        "%.0f faces, %.0f more around it that it needs, %d views, %.1f megapixels of images (the largest has %d x %d "
+        "%.0f faces, %.0f more faces around it that its refinement reads, %d views, %.1f megapixels of images (the "
+        "largest has %d x %d "
         "pixels); raise --tile-memory, use images of half the size, or drop the finest of --levels",
         static_cast<double>(limit_bytes_) / kGiB, bytes / kGiB, rect.x0, rect.y0, work.core_faces,
         work.package_faces - work.core_faces, work.seeing_views, 1e-6 * work.pixels, largest.width, largest.height));

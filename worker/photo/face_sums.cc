@@ -13,7 +13,7 @@ using Eigen::Vector3d;
 namespace {
 
 constexpr int64_t kVertexGrain = 8192;
-// What belongs to the faces of a strip is scattered in memory. It is prefetched this many pixels or faces ahead.
+// What belongs to the faces of a strip is scattered in memory. It is prefetched this many faces ahead.
 constexpr int kFar = 16, kNear = 8;
 constexpr size_t kPieceParts = 1024;  // that are added by one thread
 
