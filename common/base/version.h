@@ -5,6 +5,6 @@
 namespace tessera {
 
 // It is part of every task's key. Coordinator and workers must have the same version.
-inline constexpr char kAlgorithmVersion[] = "29";
+inline constexpr char kAlgorithmVersion[] = "30";
 
 }  // namespace tessera

@@ -30,9 +30,8 @@ Neighbours NeighboursOf(size_t nodes, const std::vector<std::array<uint32_t, 2>>
   return neighbours;
 }
 
-// Dilates the flags by `steps` along the pairs.
-void Grow(const std::vector<std::array<uint32_t, 2>>& pairs, int steps, std::vector<uint8_t>* flags) {
-  const Neighbours neighbours = NeighboursOf(flags->size(), pairs);
+// Dilates the flags by `steps`.
+void Grow(const Neighbours& neighbours, int steps, std::vector<uint8_t>* flags) {
   std::vector<uint32_t> rim, next;
   for (uint32_t i = 0; i < flags->size(); ++i) {
     if ((*flags)[i]) rim.push_back(i);
@@ -65,7 +64,7 @@ void GrowByBlocks(const std::vector<std::array<uint32_t, 2>>& face_links, const 
   for (size_t f = 0; f < flags->size(); ++f) {
     if ((*flags)[f]) block_flags[groups.group[f]] = 1;
   }
-  Grow(block_links, links, &block_flags);
+  Grow(NeighboursOf(block_flags.size(), block_links), links, &block_flags);
   for (size_t f = 0; f < flags->size(); ++f) (*flags)[f] = block_flags[groups.group[f]];
 }
 
@@ -79,11 +78,12 @@ LabelDependencyRadius LabelDependencyRadiusOf(const SolverOptions& options) {
 std::vector<uint8_t> FacesInDependencyRadius(const std::vector<std::array<uint32_t, 2>>& face_links,
                                              const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
                                              const LabelDependencyRadius& radius) {
+  const Neighbours neighbours = NeighboursOf(core.size(), face_links);
   std::vector<uint8_t> faces = core;
   GrowByBlocks(face_links, cell, BlockGrid::kOdd, radius.odd_links, &faces);
-  Grow(face_links, radius.odd_rings, &faces);
+  Grow(neighbours, radius.odd_rings, &faces);
   GrowByBlocks(face_links, cell, BlockGrid::kEven, radius.even_links, &faces);
-  Grow(face_links, radius.rings, &faces);
+  Grow(neighbours, radius.rings, &faces);
   return faces;
 }
 
