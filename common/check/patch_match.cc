@@ -218,6 +218,26 @@ double Vertex(float left, float middle, float right) {
 
 uint32_t Next(uint32_t* state) { return *state = *state * 1664525u + 1013904223u; }
 
+// PatchMatch::at_random.
+std::vector<float> RandomCorrelations(const WarpedPatch& made, uint32_t seed) {
+  std::vector<float> correlations;
+  for (int i = 0; i < kRandomPatches; ++i) {
+    const double angle = 2 * std::numbers::pi * (Next(&seed) >> 8) / (1 << 24);
+    const double distance = 10 + 30.0 * (Next(&seed) >> 8) / (1 << 24);
+    const Eigen::Vector2d shift(distance * std::cos(angle), distance * std::sin(angle));
+    Patch random;
+    if (!made.warped.Sample<kPatchRadius_px>(shift, kSide, random.data())) continue;
+    correlations.push_back(Correlation(made.patch, random));
+  }
+  return correlations;
+}
+
+float CorrelationOf(const std::optional<WarpedPatch>& made) {
+  Patch seen;
+  if (!made || !made->warped.Sample<kPatchRadius_px>({0, 0}, kSide, seen.data())) return std::nanf("");
+  return Correlation(made->patch, seen);
+}
+
 }  // namespace
 
 std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point,
@@ -246,14 +266,7 @@ std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView
     match.shift_px = {bx - kSearchRadius_px + Vertex(score[best - 1], score[best], score[best + 1]),
                       by - kSearchRadius_px + Vertex(score[best - kShifts], score[best], score[best + kShifts])};
   }
-  for (int i = 0; i < kRandomPatches; ++i) {
-    const double angle = 2 * std::numbers::pi * (Next(&seed) >> 8) / (1 << 24);
-    const double distance = 10 + 30.0 * (Next(&seed) >> 8) / (1 << 24);
-    Patch random;
-    if (!warped.Sample<kPatchRadius_px>({distance * std::cos(angle), distance * std::sin(angle)}, kSide, random.data()))
-      continue;
-    match.at_random.push_back(Correlation(patch, random));
-  }
+  match.at_random = RandomCorrelations(*made, seed);
   // Content at a pixel of the reference is found in the other view where the true geometry maps it. Numerical
   // derivatives of that position, back in pixels of the reference.
   Eigen::Matrix2d jacobian;
@@ -282,10 +295,15 @@ std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView
 }
 
 float CorrelatePatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point) {
+  return CorrelationOf(WarpPatch(reference, other, point));
+}
+
+std::optional<PatchCorrelation> CorrelateAtRandom(const PatchView& reference, const PatchView& other,
+                                                  const SurfacePoint& point, uint32_t seed) {
   const std::optional<WarpedPatch> made = WarpPatch(reference, other, point);
-  Patch seen;
-  if (!made || !made->warped.Sample<kPatchRadius_px>({0, 0}, kSide, seen.data())) return std::nanf("");
-  return Correlation(made->patch, seen);
+  const float correlation = CorrelationOf(made);
+  if (std::isnan(correlation)) return std::nullopt;
+  return PatchCorrelation{correlation, RandomCorrelations(*made, seed)};
 }
 
 }  // namespace tessera

@@ -42,7 +42,16 @@ struct PatchMatch {
 std::optional<PatchMatch> MatchPatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point,
                                      uint32_t seed);
 
-// PatchMatch::correlation alone. NaN where MatchPatch gives none, except that the patch needs no surroundings.
+// PatchMatch::correlation and at_random alone. None where MatchPatch gives none, except that the patch needs no
+// surroundings.
+struct PatchCorrelation {
+  float correlation = 0;
+  std::vector<float> at_random;
+};
+std::optional<PatchCorrelation> CorrelateAtRandom(const PatchView& reference, const PatchView& other,
+                                                  const SurfacePoint& point, uint32_t seed);
+
+// PatchMatch::correlation alone. NaN where CorrelateAtRandom gives none.
 float CorrelatePatch(const PatchView& reference, const PatchView& other, const SurfacePoint& point);
 
 }  // namespace tessera

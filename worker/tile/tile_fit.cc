@@ -199,7 +199,8 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
   struct Compared {
     int32_t views[2] = {0, 0};
     Vector3d position;
-    PatchMatch start, result;
+    PatchCorrelation start;
+    float result = 0;
   };
   std::vector<Compared> compared;
   std::vector<float> at_random;
@@ -226,11 +227,13 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
       const FacePoint& point = points[chosen[i]];
       const SurfacePoint before = PointOn(package.mesh.faces, package.mesh.vertices, point);
       const SurfacePoint after = PointOn(package.mesh.faces, positions, point);
-      const auto at_start = MatchPatch(reference, other, before, chosen[i]);
-      const auto in_result = MatchPatch(reference, other, after, chosen[i]);
-      if (!at_start || !in_result) return;
-      of_pair[i] = {
-          {images.views[views.reference].id, images.views[views.other].id}, before.position, *at_start, *in_result};
+      std::optional<PatchCorrelation> at_start = CorrelateAtRandom(reference, other, before, chosen[i]);
+      const float in_result = CorrelatePatch(reference, other, after);
+      if (!at_start || std::isnan(in_result)) return;
+      of_pair[i] = {{images.views[views.reference].id, images.views[views.other].id},
+                    before.position,
+                    *std::move(at_start),
+                    in_result};
     });
     for (std::optional<Compared>& found : of_pair) {
       if (!found) continue;
@@ -243,8 +246,8 @@ StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images
   const auto chance = at_random.begin() + static_cast<ptrdiff_t>(at_random.size() * 95 / 100);
   std::nth_element(at_random.begin(), chance, at_random.end());
   for (const Compared& patch : compared) {
-    const bool start = patch.start.correlation > *chance, end = patch.result.correlation > *chance;
-    const double rise = patch.result.correlation - patch.start.correlation;
+    const bool start = patch.start.correlation > *chance, end = patch.result > *chance;
+    const double rise = patch.result - patch.start.correlation;
     const FitChange change = {1, start, end, rise<-kChangedZncc, rise> kChangedZncc};
     fit.all.Add(change);
     for (const int32_t view : patch.views) fit.views[view].Add(change);

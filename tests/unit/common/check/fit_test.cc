@@ -94,6 +94,20 @@ TEST_F(PatchMatchTest, ShiftsFollowTheirDerivatives) {
   EXPECT_LT((of_focal.shift_px + 0.02 * of_focal.by_other_focal).norm(), 0.2) << of_focal.shift_px.transpose();
 }
 
+TEST_F(PatchMatchTest, CorrelationsAloneAreThoseOfTheMatch) {
+  for (int i = 0; i < 6; ++i) {
+    SurfacePoint point = point_;
+    point.position += Eigen::Vector3d(0.3 * i, 0.2 * i, -0.1 * i);
+    const PatchMatch match = Match(a_, b_, point);
+    const auto found = CorrelateAtRandom({&first_, a_}, {&second_, b_}, point, 1);
+    ASSERT_TRUE(found.has_value());
+    EXPECT_NEAR(found->correlation, match.correlation, 1e-5);
+    EXPECT_EQ(found->at_random, match.at_random);
+    EXPECT_EQ(CorrelatePatch({&first_, a_}, {&second_, b_}, point), found->correlation);
+  }
+  EXPECT_FALSE(CorrelateAtRandom({&first_, a_}, {&second_, b_}, {{30, 0, 0}, {0, 0, 1}}, 1));
+}
+
 TEST_F(PatchMatchTest, NoneWithoutTextureOrOutsideTheImage) {
   FloatImage grey(240, 180);
   std::fill(grey.data.begin(), grey.data.end(), 0.5f);
