@@ -142,6 +142,8 @@ static void from_json(const json& j, UpdateFiles& files) {
 static void to_json(json& j, const CutParameters& p) {
   j = {{"tile", p.tile}, {"cores", p.cores}, {"window_px", p.window_px}, {"coarsest_level", p.coarsest_level}};
   if (p.borders) j["borders"] = true;
+  if (!p.fine_iterations.empty()) j["fine_iterations"] = p.fine_iterations;
+  if (p.max_step_px) j["max_step_px"] = *p.max_step_px;
 }
 static void from_json(const json& j, CutParameters& p) {
   j.at("tile").get_to(p.tile);
@@ -149,6 +151,8 @@ static void from_json(const json& j, CutParameters& p) {
   j.at("window_px").get_to(p.window_px);
   j.at("coarsest_level").get_to(p.coarsest_level);
   p.borders = j.contains("borders") && j.at("borders").get<bool>();
+  p.fine_iterations = j.value("fine_iterations", std::vector<int>());
+  if (j.contains("max_step_px")) p.max_step_px = j.at("max_step_px").get<double>();
 }
 
 static void to_json(json& j, const CropParameters& p) {

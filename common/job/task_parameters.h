@@ -117,6 +117,10 @@ struct CutParameters {
   int window_px = 7;            // side of the method's comparison windows
   int coarsest_level = 2;
   bool borders = false;  // kBordersFile is among the inputs and replaces the survey's borders
+  // In the fine part of a job (JobPart), else empty: the iterations of each of its rounds, all on the coarsest level.
+  // kMovedFile is then among the inputs.
+  std::vector<int> fine_iterations = {};
+  std::optional<double> max_step_px = {};  // MethodSettings::max_step_px; set only with fine_iterations
 };
 
 // Parameters of crop, which crops the images for some tiles. Their packages (TileInputName) are among the inputs.

@@ -1,6 +1,7 @@
 #include "server/plan/fine_part.h"
 
 #include <algorithm>
+#include <map>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -30,6 +31,17 @@ StatusOr<PlannedTask> PlanSplit(const JobSettings& settings, const Survey& surve
   return task;
 }
 
+void SetFineIterations(const JobSettings& settings, CutParameters* cut) {
+  const std::vector<RefineStep> steps = StepsOf(settings);
+  std::map<int, int> of_round;
+  for (size_t s = static_cast<size_t>(FirstFineStepOf(settings)); s < steps.size(); ++s) {
+    if (!steps[s].labels()) ++of_round[steps[s].round];
+  }
+  cut->fine_iterations.clear();
+  for (const auto& [round, iterations] : of_round) cut->fine_iterations.push_back(iterations);
+  cut->max_step_px = settings.method_settings.max_step_px;
+}
+
 StatusOr<Survey> SurveyOf(const FinePart& fine, const Survey& before) {
   TESSERA_ASSIGN_OR_RETURN(Survey survey, ParseSurvey(fine.survey));
   if (survey.views.size() == before.views.size() && survey.ground.cell_m == before.ground.cell_m) return survey;
@@ -48,7 +60,7 @@ std::vector<GraphTile> TilesOf(const FinePart& fine, const std::vector<GraphTile
     GraphTile& tile = tiles.emplace_back();
     tile.parameters = parameters;
     tile.redone = !tile.gone();
-    if (tile.redone) tile.work = MeasureTile(cells, parameters.core);
+    if (tile.redone) tile.work = InFinePart(MeasureTile(cells, parameters.core));
     if (const auto crop = fine.crops.find(parameters.tile); crop != fine.crops.end()) {
       tile.coarse_crop = PlannedInput{crop->second, kViewsFile, parameters.tile};
     }

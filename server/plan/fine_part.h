@@ -7,6 +7,7 @@
 
 #include "common/base/status.h"
 #include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "server/plan/graph_tile.h"
 #include "server/plan/planned_task.h"
 #include "server/settings/job_settings.h"
@@ -26,6 +27,9 @@ struct FinePart {
 // last states; `planned`: the job's tasks before it; `city_from`: the task with city and survey.
 StatusOr<PlannedTask> PlanSplit(const JobSettings& settings, const Survey& survey, const std::vector<GraphTile>& tiles,
                                 const std::vector<PlannedTask>& planned, TaskId city_from);
+
+// Sets CutParameters::fine_iterations and `max_step_px`.
+void SetFineIterations(const JobSettings& settings, CutParameters* cut);
 
 // The survey after the split. INVALID_ARGUMENT unless it has the views and the cell size of `before`.
 StatusOr<Survey> SurveyOf(const FinePart& fine, const Survey& before);

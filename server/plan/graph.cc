@@ -139,9 +139,11 @@ class Graph {
       parameters.window_px = method.window_px.value_or(parameters.window_px);
       parameters.coarsest_level = coarsest;
       parameters.borders = borders_.has_value();
+      if (part_ == JobPart::kFine) SetFineIterations(settings_, &parameters);
       task.parameters = ToJson(parameters);
       task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
       if (borders_) task.inputs.push_back(*borders_);
+      if (part_ == JobPart::kFine) task.inputs.push_back({city_from_, kMovedFile});
       tile.cut = Add(std::move(task));
     }
   }

@@ -232,10 +232,15 @@ double SolveSeconds(double faces, const RefineEffort& effort) {
 }  // namespace
 
 TileWork WithFaces(TileWork work, double share) {
-  for (double* faces :
-       {&work.core_faces, &work.solve_faces, &work.visible_faces, &work.package_faces, &work.drawn_faces}) {
+  for (double* faces : {&work.core_faces, &work.solve_faces, &work.visible_faces, &work.package_faces,
+                        &work.fine_package_faces, &work.drawn_faces}) {
     *faces *= share;
   }
+  return work;
+}
+
+TileWork InFinePart(TileWork work) {
+  work.package_faces = work.fine_package_faces;
   return work;
 }
 
@@ -245,7 +250,9 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
                visible_m = kVisibleSetGsd * survey.gsd_m, package_m = kPackageGsd * survey.gsd_m;
   TileWork work;
   cells.ForEachWithin(core, package_m, [&](const SurveyCell& cell) {
-    work.package_faces += static_cast<double>(cell.faces) * ShareWithin(cell, core, package_m, cell_m);
+    const double faces = static_cast<double>(cell.faces);
+    work.package_faces += faces * ShareWithin(cell, core, package_m, cell_m);
+    work.fine_package_faces += faces * ShareWithin(cell, core, kFinePackageGsd * survey.gsd_m, cell_m);
   });
   std::vector<Box> boxes;
   std::set<int32_t> views;

@@ -51,8 +51,9 @@ std::vector<int> ActiveStepsOf(const JobSettings& settings, const Survey& survey
 
 // Expected dependency radii around a tile's core in GSD: visible set; solver step; image windows. The cut task
 // determines the exact ones on the mesh.
-// And of all that the package has: the repair reaches farthest.
-inline constexpr double kVisibleSetGsd = 220, kSolveGsd = 160, kApronGsd = 32, kPackageGsd = 640;
+// And of all that the package has: the repair and the visible set reach farthest. In the fine part of a job (JobPart)
+// vertices move less, so that its packages reach less far.
+inline constexpr double kVisibleSetGsd = 220, kSolveGsd = 160, kApronGsd = 32, kPackageGsd = 640, kFinePackageGsd = 420;
 
 // Quantities of a tile. Faces: after splitting. Pixels: at full resolution, of the core and its apron.
 struct TileWork {
@@ -60,6 +61,7 @@ struct TileWork {
   double solve_faces = 0;      // of the core and kSolveGsd around it
   double visible_faces = 0;    // of the core and kVisibleSetGsd around it
   double package_faces = 0;    // of the core and kPackageGsd around it
+  double fine_package_faces = 0;  // of the core and kFinePackageGsd around it
   std::vector<int32_t> views;  // views that the tile's cells chose, ascending
   int seeing_views = 0;        // number of these whose image contains a part of the tile
   double pixels = 0;           // of all crops of the tile
@@ -78,6 +80,8 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core);
 
 // The same tile with this many faces for each of its faces.
 TileWork WithFaces(TileWork work, double share);
+// The same tile with its package in the fine part of a job.
+TileWork InFinePart(TileWork work);
 
 struct Prediction {
   double core_seconds = 0;
@@ -105,8 +109,9 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
 // The sum of both parts. `work`: with the faces of the fine part.
 template <class Predict>
 Prediction OfParts(const Predict& predict, const TileWork& work, const JobEffort& effort) {
-  Prediction sum = predict(work, effort.fine);
-  if (effort.has_parts()) sum += predict(WithFaces(work, effort.coarse_faces), effort.coarse);
+  if (!effort.has_parts()) return predict(work, effort.fine);
+  Prediction sum = predict(InFinePart(work), effort.fine);
+  sum += predict(WithFaces(work, effort.coarse_faces), effort.coarse);
   return sum;
 }
 

@@ -10,6 +10,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/job/task_parameters.h"
@@ -73,6 +74,7 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
     TileWork work;
     const int tile = task.at("tile");
     if (tile >= 0) work = WithFaces(MeasureTile(cells, cores[tile]), split_again);
+    if (is_fine) work = InFinePart(std::move(work));
     RefineEffort effort;
     if (kind == "refine") {
       TESSERA_ASSIGN_OR_RETURN(const RefineParameters refine, ParseRefineParameters(task.at("parameters").dump()));

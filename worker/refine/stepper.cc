@@ -20,6 +20,16 @@ std::vector<uint8_t> Grown(std::vector<uint8_t> flags, const std::vector<Triangl
   return flags;
 }
 
+// StepOptions::max_step_m of an iteration.
+double MaxStep_m(const StepperOptions& options, double gsd_m, int level, int iteration) {
+  return options.max_step_px * std::ldexp(gsd_m, level) * std::pow(options.step_decay, iteration);
+}
+
+// StepOptions::grid_m.
+double Grid_m(const StepperOptions& options, double gsd_m) {
+  return std::exp2(std::floor(std::log2(options.grid_gsd * gsd_m)));
+}
+
 }  // namespace
 
 MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m) {
@@ -29,6 +39,11 @@ MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m) {
   out.min_start_cosine = options.min_start_cosine;
   out.start_smoothing_steps = options.start_smoothing_steps;
   return out;
+}
+
+double LongestStep_m(const StepperOptions& options, double gsd_m, int level, int iteration) {
+  const double half_diagonal = std::sqrt(3.0) / 2;
+  return (1 + 1e-6) * (MaxStep_m(options, gsd_m, level, iteration) + half_diagonal * Grid_m(options, gsd_m));
 }
 
 Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary, double gsd_m,
@@ -63,8 +78,8 @@ std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const Photo
   step.inter = options_.inter;
   step.up = up_;
   step.smoothing_sweeps = options_.smoothing_sweeps;
-  step.grid_m = std::exp2(std::floor(std::log2(options_.grid_gsd * gsd_m_)));
-  step.max_step_m = options_.max_step_px * pixel_m * std::pow(options_.step_decay, iteration);
+  step.grid_m = Grid_m(options_, gsd_m_);
+  step.max_step_m = MaxStep_m(options_, gsd_m_, level, iteration);
   step.acceleration = options_.acceleration;
   step.half_effect_curvature = options_.half_effect_curvature * unit;
   smooth_->Reweight(mesh.vertices, options_.creases);

@@ -79,4 +79,9 @@ class Stepper {
 // The motion limits of a run.
 MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m);
 
+// The longest step that Stepper::Step returns for an iteration of a level, in metres. Proof: ComputeStep shortens steps
+// to StepOptions::max_step_m. After that, LimitDisplacement shortens them, rounding to the grid adds at most half a
+// diagonal of its cells, and LimitFolding shortens or averages them.
+double LongestStep_m(const StepperOptions& options, double gsd_m, int level, int iteration);
+
 }  // namespace tessera

@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "common/storage/files.h"
+#include "worker/city/moved_city.h"
 #include "worker/tasks/task_functions.h"
 #include "worker/tile/cut_tile.h"
 #include "worker/tile/methods.h"
@@ -21,9 +23,14 @@ StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& cont
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.3, "cutting");
+  std::optional<MovedCity> moved;
+  if (!parameters.fine_iterations.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(moved, MovedCity::Open(InputPath(request, kMovedFile), city.vertex_ids_end(),
+                                                    city.face_ids_end(), survey.cells.size()));
+  }
   TESSERA_ASSIGN_OR_RETURN(const CutResult cut, CutTile(city, survey, parameters,
-                                                        CutOptionsOf(parameters.window_px, parameters.coarsest_level,
-                                                                     survey.gsd_m, TileRefineOptions())));
+                                                        CutOptionsOf(parameters, survey.gsd_m, TileRefineOptions()),
+                                                        moved ? &moved->spans() : nullptr));
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.9, "writing the tile");
   const TilePackage& package = cut.package;

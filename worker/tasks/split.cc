@@ -1,9 +1,11 @@
 // The second split of faces, and the states with which tiles start.
+#include <algorithm>
 #include <array>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <set>
+#include <span>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -73,6 +75,10 @@ StatusOr<ScratchArray<Value>> OfParents(const ScratchArray<Value>& values, const
 
 using CellPlace = std::array<int, 2>;  // x, y
 
+bool PrecedesInSurvey(const SurveyCell& cell, const CellPlace& at) {
+  return cell.y != at[1] ? cell.y < at[1] : cell.x < at[0];
+}
+
 CellPlace PlaceOf(const MeshSpans& mesh, size_t face, const GroundPlane& ground) {
   const Eigen::Vector2i cell = ground.Cell(mesh.Centroid(face));
   return {cell.x(), cell.y()};
@@ -102,6 +108,27 @@ StatusOr<std::vector<SurveyCell>> CellsAfter(const MeshSpans& mesh, const Scratc
     cell.views = found == of_new.end() ? views[at] : std::vector<int32_t>(found->second.begin(), found->second.end());
   }
   return cells;
+}
+
+// The boxes of the cells' faces where the coarse levels moved them. `unmoved`: the start, whose cells `cells` are.
+StatusOr<std::vector<Eigen::AlignedBox3d>> MovedBoxes(const std::vector<SurveyCell>& cells, const MeshSpans& unmoved,
+                                                      std::span<const Eigen::Vector3d> positions,
+                                                      const GroundPlane& ground) {
+  std::vector<Eigen::AlignedBox3d> boxes(cells.size());
+  auto cell = cells.begin();
+  for (size_t f = 0; f < unmoved.faces.size(); ++f) {
+    const CellPlace at = PlaceOf(unmoved, f, ground);
+    // Consecutive faces are mostly in the same cell.
+    if (f == 0 || cell->x != at[0] || cell->y != at[1]) {
+      cell = std::lower_bound(cells.begin(), cells.end(), at, PrecedesInSurvey);
+      if (cell == cells.end() || cell->x != at[0] || cell->y != at[1]) {
+        return absl::InternalError(
+            absl::StrCat("found a face in the cell at (", at[0], ", ", at[1], "), which the survey does not have"));
+      }
+    }
+    for (const uint32_t v : unmoved.faces[f]) boxes[static_cast<size_t>(cell - cells.begin())].extend(positions[v]);
+  }
+  return boxes;
 }
 
 }  // namespace
@@ -160,7 +187,10 @@ StatusOr<TaskOutcome> RunSplit(const TaskRequest& request, const TaskControl& co
   FillViewDepths(&survey);
   TESSERA_RETURN_IF_ERROR(WriteCity(OutputPath(request, kCityFile), {unmoved, mesh.input_face.values()}, survey.ground,
                                     survey.cells, scratch));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<Eigen::AlignedBox3d> boxes,
+                           MovedBoxes(survey.cells, unmoved, mesh.vertices.values(), survey.ground));
   moved.positions = mesh.vertices.values();
+  moved.cell_boxes = boxes;
   moved.labels = labels.values();
   moved.confidence = confidence.values();
   TESSERA_RETURN_IF_ERROR(WriteMovedCity(OutputPath(request, kMovedFile), moved));
@@ -192,9 +222,9 @@ StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& co
   const int classes = static_cast<int>(survey.classes.size());
   for (const int32_t label : state.labels) state.confidence.push_back(CarriedConfidence(classes, label));
   if (parameters.moved) {
-    TESSERA_ASSIGN_OR_RETURN(
-        const MovedCity moved,
-        MovedCity::Open(InputPath(request, kMovedFile), city.vertex_ids_end(), city.face_ids_end()));
+    TESSERA_ASSIGN_OR_RETURN(const MovedCity moved,
+                             MovedCity::Open(InputPath(request, kMovedFile), city.vertex_ids_end(), city.face_ids_end(),
+                                             survey.cells.size()));
     const MovedSpans& spans = moved.spans();
     if ((!state.vertex_ids.empty() && state.vertex_ids.back() >= spans.positions.size()) ||
         (!state.face_ids.empty() && state.face_ids.back() >= spans.labels.size())) {

@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <span>
 
 #include "absl/strings/str_cat.h"
 #include "common/job/sample_cell.h"
@@ -23,6 +24,19 @@ struct CellOrder {
 };
 using CellSet = std::set<CellAt, CellOrder>;
 
+// The cells of the faces for which wanted(face) is true. Consecutive faces are mostly in the same cell.
+template <class Wanted>
+CellSet CellsOfFaces(const std::vector<CellAt>& cell, const Wanted& wanted) {
+  CellSet cells;
+  const CellAt* last = nullptr;
+  for (size_t f = 0; f < cell.size(); ++f) {
+    if (!wanted(f) || (last != nullptr && *last == cell[f])) continue;
+    cells.insert(cell[f]);
+    last = &cell[f];
+  }
+  return cells;
+}
+
 // The ground cell that contains a package cell.
 CellAt GroundCellOf(const CellAt& at) {
   const auto down = [](int32_t i) { return i >= 0 ? i / kPackageCellsAcross : -((-i - 1) / kPackageCellsAcross) - 1; };
@@ -37,12 +51,15 @@ CellAt CellOf(const GroundPlane& ground, const Eigen::Vector3d& p) {
 // Some blocks of the city as one mesh.
 struct LoadedBlocks {
   CollectedFaces faces;
-  std::vector<CellAt> cell;      // per face
-  std::vector<Cell> label_cell;  // per face
+  std::vector<Eigen::Vector3d> positions;  // of the vertices, where contacts are looked for
+  std::vector<CellAt> cell;                // per face
+  std::vector<Cell> label_cell;            // per face
   CsrRows faces_of_vertex;
 };
 
-StatusOr<LoadedBlocks> Load(const CityReader& city, const Survey& survey, const std::vector<uint8_t>& blocks) {
+// `moved`: as CutTile.
+StatusOr<LoadedBlocks> Load(const CityReader& city, const Survey& survey, const MovedSpans* moved,
+                            const std::vector<uint8_t>& blocks) {
   FaceCollector found;
   for (size_t b = 0; b < blocks.size(); ++b) {
     if (!blocks[b]) continue;
@@ -52,6 +69,15 @@ StatusOr<LoadedBlocks> Load(const CityReader& city, const Survey& survey, const 
   LoadedBlocks loaded;
   loaded.faces = found.Finish();
   const TriangleMesh& mesh = loaded.faces.mesh;
+  loaded.positions = mesh.vertices;
+  for (size_t v = 0; v < loaded.positions.size() && moved != nullptr; ++v) {
+    const uint32_t id = loaded.faces.vertex_ids[v];
+    if (id >= moved->positions.size()) {
+      return absl::DataLossError(
+          absl::StrCat("found vertex ", id, " in the city, and positions of ", moved->positions.size(), " vertices"));
+    }
+    loaded.positions[v] = moved->positions[id];
+  }
   loaded.cell.resize(mesh.faces.size());
   loaded.label_cell.resize(mesh.faces.size());
   for (size_t f = 0; f < loaded.cell.size(); ++f) {
@@ -64,15 +90,16 @@ StatusOr<LoadedBlocks> Load(const CityReader& city, const Survey& survey, const 
 }
 
 // Marks the blocks that may contain data about the faces with a bit in `regions`: one of their vertices, or a face
-// that may touch them. Returns whether there are any.
+// that may touch them. `near_m`: distance between a face of LoadedBlocks::positions and the block of another that it
+// may touch. Returns whether there are any.
 bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const std::vector<uint8_t>& regions,
-                    double contact_m, std::vector<uint8_t>* blocks) {
+                    double near_m, std::vector<uint8_t>* blocks) {
   const TriangleMesh& mesh = loaded.faces.mesh;
   std::vector<uint8_t> used(mesh.vertices.size(), 0);  // per vertex: regions that use it
   for (size_t f = 0; f < regions.size(); ++f) {
     for (const uint32_t v : mesh.faces[f]) used[v] |= regions[f];
   }
-  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(contact_m);
+  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(near_m);
   bool any = false;
   for (size_t b = 0; b < blocks->size(); ++b) {
     if ((*blocks)[b]) continue;
@@ -80,7 +107,7 @@ bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const st
     const Eigen::AlignedBox3d wide(box.min() - margin, box.max() + margin);
     for (size_t v = 0; v < used.size() && !(*blocks)[b]; ++v) {
       if (used[v] == 0) continue;
-      if (box.contains(mesh.vertices[v]) || ((used[v] & kRepairRegion) && wide.contains(mesh.vertices[v]))) {
+      if (box.contains(mesh.vertices[v]) || ((used[v] & kRepairRegion) && wide.contains(loaded.positions[v]))) {
         (*blocks)[b] = 1;
         any = true;
       }
@@ -89,7 +116,7 @@ bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const st
     for (size_t f = 0; f < regions.size() && !(*blocks)[b]; ++f) {
       if (!(regions[f] & kRepairRegion)) continue;
       Eigen::AlignedBox3d face;
-      for (const uint32_t v : mesh.faces[f]) face.extend(mesh.vertices[v]);
+      for (const uint32_t v : mesh.faces[f]) face.extend(loaded.positions[v]);
       if (face.intersects(wide)) {
         (*blocks)[b] = 1;
         any = true;
@@ -127,8 +154,10 @@ void FillMesh(const LoadedBlocks& loaded, const std::vector<uint8_t>& regions, c
   std::vector<uint32_t> faces, vertices;
   std::vector<uint8_t> used(mesh.vertices.size(), 0);
   std::vector<CellAt> face_cell(mesh.faces.size()), vertex_cell(mesh.vertices.size());
+  bool wanted = false;
   for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
-    if (!cells.contains(loaded.cell[f])) continue;
+    if (f == 0 || loaded.cell[f] != loaded.cell[f - 1]) wanted = cells.contains(loaded.cell[f]);
+    if (!wanted) continue;
     faces.push_back(f);
     face_cell[f] = CellOf(small, MeshSpans(mesh).Centroid(f));
     for (const uint32_t v : mesh.faces[f]) used[v] = 1;
@@ -206,14 +235,22 @@ void FlagSample(const LoadedBlocks& loaded, const GroundPlane& ground, const Cel
 
 }  // namespace
 
-CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const TileRefineOptions& options) {
+CutOptions CutOptionsOf(const CutParameters& p, double gsd_m, const TileRefineOptions& options) {
   CutOptions out;
-  const StepperOptions& stepper = options.step;
+  StepperOptions stepper = options.step;
+  stepper.max_step_px = p.max_step_px.value_or(stepper.max_step_px);
   const MotionLimits limits = MakeMotionLimits(stepper, gsd_m);
-  out.visible_set.motion_m = MotionBound_m(limits);
-  out.visible_set.reference_margin_px = ReferenceMargin_px(window_px, coarsest_level);
-  out.visible_set.target_margin_px = TargetMargin_px(coarsest_level);
-  out.visible_set.alignment_px = 1 << coarsest_level;
+  out.motion_m = out.visible_set.motion_m = MotionBound_m(limits);
+  if (!p.fine_iterations.empty()) {
+    double path_m = 0;
+    for (const int iterations : p.fine_iterations) {
+      for (int i = 0; i < iterations; ++i) path_m += LongestStep_m(stepper, gsd_m, p.coarsest_level, i);
+    }
+    out.visible_set.motion_m = std::min(path_m, 2 * out.motion_m);
+  }
+  out.visible_set.reference_margin_px = ReferenceMargin_px(p.window_px, p.coarsest_level);
+  out.visible_set.target_margin_px = TargetMargin_px(p.coarsest_level);
+  out.visible_set.alignment_px = 1 << p.coarsest_level;
   out.radius.solve_rings = StepDependencyRadiusOf(stepper.smoothing_sweeps, limits).rings();
   out.radius.repair = RepairDependencyRadiusOf(stepper);
   out.radius.contact_m = 2 * out.visible_set.motion_m;
@@ -222,7 +259,7 @@ CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const T
 }
 
 StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const CutParameters& p,
-                            const CutOptions& options) {
+                            const CutOptions& options, const MovedSpans* moved) {
   const GroundPlane& ground = survey.ground;
   const SurveyCell* sample = nullptr;
   for (const SurveyCell& cell : survey.cells) sample = BetterSampleCell(sample, cell, p.tile.core);
@@ -248,7 +285,8 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     return absl::InvalidArgumentError(absl::StrCat("tile ", p.tile.tile, ": found depths of ",
                                                    survey.view_depths.size(), " views of ", survey.views.size()));
   }
-  VisibleSet visible = FindVisibleSet(survey, measured_cells, views, options.visible_set);
+  VisibleSet visible = FindVisibleSet(survey, measured_cells, views, options.visible_set,
+                                      moved == nullptr ? std::span<const Eigen::AlignedBox3d>() : moved->cell_boxes);
   // Partners without needed pixels are dropped: they do not affect the tile.
   size_t kept = 0;
   for (size_t v = 0; v < views.size(); ++v) {
@@ -263,40 +301,44 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   for (size_t c = 0; c < visible.cells.size(); ++c) {
     if (visible.cells[c] || measured_cells[c]) visible_cells.insert({survey.cells[c].x, survey.cells[c].y});
   }
+  // Blocks know where their faces are at the start.
+  const double near_m = options.radius.contact_m + (moved == nullptr ? 0 : options.motion_m);
   // Add blocks until none contains more data about the faces found. The regions need whole neighbourhoods, whose
-  // extent is only known once their faces are loaded, hence the loop. Begins with all visible cells, which the package
-  // needs in any case and which contain most regions, so that few rounds are left.
+  // extent is only known once their faces are loaded, hence the loop. Begins with those near the visible cells, which
+  // contain most regions, so that mostly one round suffices.
+  CellRect sight = p.tile.core;
+  for (const CellAt& at : visible_cells) {
+    sight = {std::min(sight.x0, at[0]), std::min(sight.y0, at[1]), std::max(sight.x1, at[0] + 1),
+             std::max(sight.y1, at[1] + 1)};
+  }
   std::vector<uint8_t> blocks(city.block_count());
   for (size_t b = 0; b < blocks.size(); ++b) {
-    blocks[b] = DistanceBetween(city.cells(b), p.tile.core, ground.cell_m) <= 0;
+    blocks[b] = DistanceBetween(city.cells(b), sight, ground.cell_m) <= near_m;
   }
-  AddBlocksOf(city, visible_cells, &blocks);
   LoadedBlocks loaded;
   std::vector<uint8_t> regions;
   do {
-    TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, blocks));
+    TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, moved, blocks));
     std::vector<uint8_t> core(loaded.cell.size());
     for (size_t f = 0; f < core.size(); ++f) core[f] = p.tile.core.Contains({loaded.cell[f][0], loaded.cell[f][1]});
     if (std::find(core.begin(), core.end(), 1) == core.end()) {
       return absl::InvalidArgumentError(absl::StrCat("tile ", p.tile.tile, ": found no faces in its core"));
     }
-    regions = FindRegions(loaded.faces.mesh, loaded.faces_of_vertex, loaded.label_cell, core, options.radius);
-  } while (AddBlocksAbout(city, loaded, regions, options.radius.contact_m, &blocks));
-  CellSet cells;
+    regions = FindRegions(loaded.faces.mesh, loaded.positions, loaded.faces_of_vertex, loaded.label_cell, core,
+                          options.radius);
+  } while (AddBlocksAbout(city, loaded, regions, near_m, &blocks));
+  const auto cells_of = [&](uint8_t bits) {
+    return CellsOfFaces(loaded.cell, [&](size_t f) { return (regions[f] & bits) != 0; });
+  };
+  CellSet cells = cells_of(0xff);
   std::map<uint8_t, CellSet> of_region;
-  for (size_t f = 0; f < regions.size(); ++f) {
-    if (regions[f] == 0) continue;
-    cells.insert(loaded.cell[f]);
-    for (const uint8_t region : {kSolveRegion, kRepairRegion, kLabelRegion}) {
-      if (regions[f] & region) of_region[region].insert(loaded.cell[f]);
-    }
-  }
+  for (const uint8_t region : {kSolveRegion, kRepairRegion, kLabelRegion}) of_region[region] = cells_of(region);
   cells.insert(visible_cells.begin(), visible_cells.end());
   if (AddBlocksOf(city, cells, &blocks)) {
     // Both lists of faces ascend, and the second contains the first.
     const std::vector<uint32_t> before_ids = std::move(loaded.faces.face_ids);
     const std::vector<uint8_t> before_regions = std::move(regions);
-    TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, blocks));
+    TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, moved, blocks));
     regions.assign(loaded.faces.face_ids.size(), 0);
     for (size_t f = 0, b = 0; f < regions.size() && b < before_ids.size(); ++f) {
       if (loaded.faces.face_ids[f] == before_ids[b]) regions[f] = before_regions[b++];
@@ -326,7 +368,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   for (const int32_t view : views) {
     local_view.emplace(view, static_cast<int32_t>(package.views.size()));
     package.views.push_back(survey.views[view]);
-    package.view_depths.push_back(DepthsOfView(survey, view, options.visible_set.motion_m));
+    package.view_depths.push_back(DepthsOfView(survey, view, options.motion_m));
   }
   for (const auto& [reference, other] : survey.pairs) {
     const auto r = local_view.find(reference), o = local_view.find(other);

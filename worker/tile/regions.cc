@@ -56,24 +56,62 @@ class Squares {
   std::vector<uint8_t> marks_;
 };
 
-// Adds the faces that may touch a flagged one. `squares`: of the flagged faces at the call before, `added`: flags of
-// these.
-void GrowContacts(const std::vector<Eigen::AlignedBox3d>& boxes, Squares* squares, std::vector<uint8_t>* added,
-                  std::vector<uint8_t>* faces) {
-  for (size_t f = 0; f < faces->size(); ++f) {
-    if ((*faces)[f] && !(*added)[f]) squares->Add(boxes[f]);
+// A set of faces that grows. The work of all calls is in proportion to the set.
+class GrowingFaces {
+ public:
+  GrowingFaces(const TriangleMesh& mesh, const CsrRows& faces_of_vertex, std::vector<uint8_t>* flags)
+      : mesh_(mesh), faces_of_vertex_(faces_of_vertex), flags_(*flags), touched_(mesh.vertices.size()) {
+    for (uint32_t f = 0; f < flags_.size(); ++f) {
+      if (flags_[f]) faces_.push_back(f);
+    }
   }
-  *added = *faces;
-  for (size_t f = 0; f < faces->size(); ++f) {
-    if (!(*faces)[f] && squares->Meets(boxes[f])) (*faces)[f] = 1;
-  }
-}
 
-std::vector<std::array<uint32_t, 2>> FaceLinks(const std::vector<Triangle>& faces) {
+  void AddRings(int rings) {
+    for (int ring = 0; ring < rings; ++ring) {
+      for (const size_t end = faces_.size(); surrounded_ < end; ++surrounded_) {
+        for (const uint32_t v : mesh_.faces[faces_[surrounded_]]) {
+          if (touched_[v]) continue;
+          touched_[v] = 1;
+          for (const uint32_t g : faces_of_vertex_[v]) Add(g);
+        }
+      }
+    }
+  }
+
+  // Adds the faces that may touch one of the set. `boxes`: the same in all calls, those of `squares`.
+  void AddContacts(const std::vector<Eigen::AlignedBox3d>& boxes, Squares* squares) {
+    for (; marked_ < faces_.size(); ++marked_) squares->Add(boxes[faces_[marked_]]);
+    for (uint32_t f = 0; f < flags_.size(); ++f) {
+      if (!flags_[f] && squares->Meets(boxes[f])) Add(f);
+    }
+  }
+
+ private:
+  void Add(uint32_t face) {
+    if (flags_[face]) return;
+    flags_[face] = 1;
+    faces_.push_back(face);
+  }
+
+  const TriangleMesh& mesh_;
+  const CsrRows& faces_of_vertex_;
+  std::vector<uint8_t>& flags_;
+  std::vector<uint8_t> touched_;  // vertices all of whose faces are in the set
+  std::vector<uint32_t> faces_;   // the set, in the order of adding
+  size_t surrounded_ = 0;         // faces before this one have all neighbours in the set
+  size_t marked_ = 0;             // faces before this one are in the squares of AddContacts
+};
+
+// Pairs of faces that share an edge.
+std::vector<std::array<uint32_t, 2>> FaceLinks(const std::vector<Triangle>& faces, const CsrRows& faces_of_vertex) {
   std::vector<std::array<uint32_t, 2>> links;
-  for (const MeshEdge& edge : EdgeList(faces)) {
-    if (edge.left >= 0 && edge.right >= 0) {
-      links.push_back({static_cast<uint32_t>(edge.left), static_cast<uint32_t>(edge.right)});
+  links.reserve(faces.size() * 3 / 2);
+  for (uint32_t f = 0; f < faces.size(); ++f) {
+    for (size_t k = 0; k < 3; ++k) {
+      const uint32_t from = faces[f][k], to = faces[f][(k + 1) % 3];
+      for (const uint32_t g : faces_of_vertex[from]) {
+        if (g > f && (faces[g][0] == to || faces[g][1] == to || faces[g][2] == to)) links.push_back({f, g});
+      }
     }
   }
   return links;
@@ -114,57 +152,39 @@ PickedMesh PickFlagged(const TriangleMesh& mesh, const std::vector<uint8_t>& fac
 }
 
 void GrowRings(const TriangleMesh& mesh, const CsrRows& faces_of_vertex, int rings, std::vector<uint8_t>* faces) {
-  std::vector<uint8_t> touched(mesh.vertices.size(), 0);
-  std::vector<uint32_t> front, next;
-  for (uint32_t f = 0; f < faces->size(); ++f) {
-    if ((*faces)[f]) front.push_back(f);
-  }
-  for (int ring = 0; ring < rings; ++ring) {
-    next.clear();
-    for (const uint32_t f : front) {
-      for (const uint32_t v : mesh.faces[f]) {
-        if (touched[v]) continue;
-        touched[v] = 1;
-        for (const uint32_t g : faces_of_vertex[v]) {
-          if ((*faces)[g]) continue;
-          (*faces)[g] = 1;
-          next.push_back(g);
-        }
-      }
-    }
-    std::swap(front, next);
-  }
+  GrowingFaces(mesh, faces_of_vertex, faces).AddRings(rings);
 }
 
 std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                     const std::vector<uint8_t>& core, const RepairDependencyRadius& radius,
                                     const std::vector<Eigen::AlignedBox3d>& boxes) {
-  std::vector<uint8_t> faces = core;
-  GrowRings(mesh, faces_of_vertex, 1, &faces);
+  std::vector<uint8_t> flags = core;
+  GrowingFaces faces(mesh, faces_of_vertex, &flags);
+  faces.AddRings(1);
   Squares squares(boxes);
-  std::vector<uint8_t> added(faces.size(), 0);
   for (const int rings : radius.rings) {
-    GrowRings(mesh, faces_of_vertex, rings, &faces);
-    GrowContacts(boxes, &squares, &added, &faces);
+    faces.AddRings(rings);
+    faces.AddContacts(boxes, &squares);
   }
-  GrowRings(mesh, faces_of_vertex, radius.start_rings, &faces);
-  return faces;
+  faces.AddRings(radius.start_rings);
+  return flags;
 }
 
-std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
-                                 const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
-                                 const RegionDependencyRadius& radius) {
+std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const std::vector<Eigen::Vector3d>& positions,
+                                 const CsrRows& faces_of_vertex, const std::vector<Cell>& cell,
+                                 const std::vector<uint8_t>& core, const RegionDependencyRadius& radius) {
   // Converts vertex rings to face rings: a vertex at distance d has all its faces within d + 1 rings.
   std::vector<uint8_t> solve = core;
   GrowRings(mesh, faces_of_vertex, radius.solve_rings + 1, &solve);
   std::vector<Eigen::AlignedBox3d> boxes(mesh.faces.size());
   const Eigen::Vector3d margin = Eigen::Vector3d::Constant(radius.contact_m / 2);
   for (size_t f = 0; f < boxes.size(); ++f) {
-    for (const uint32_t v : mesh.faces[f]) boxes[f].extend(mesh.vertices[v]);
+    for (const uint32_t v : mesh.faces[f]) boxes[f].extend(positions[v]);
     boxes[f] = {boxes[f].min() - margin, boxes[f].max() + margin};
   }
   const std::vector<uint8_t> repair = FacesForRepair(mesh, faces_of_vertex, core, radius.repair, boxes);
-  const std::vector<uint8_t> label = FacesInDependencyRadius(FaceLinks(mesh.faces), cell, core, radius.label);
+  const std::vector<uint8_t> label =
+      FacesInDependencyRadius(FaceLinks(mesh.faces, faces_of_vertex), cell, core, radius.label);
   std::vector<uint8_t> regions(core.size());
   for (size_t f = 0; f < regions.size(); ++f) {
     regions[f] = static_cast<uint8_t>((core[f] ? kCoreRegion : 0) | (solve[f] ? kSolveRegion : 0) |

@@ -25,7 +25,7 @@ RepairDependencyRadius RepairDependencyRadiusOf(const StepperOptions& options);
 struct RegionDependencyRadius {
   int solve_rings = 0;  // StepDependencyRadius
   RepairDependencyRadius repair;
-  double contact_m = 0;  // distance between the start boxes of faces that may ever touch
+  double contact_m = 0;  // distance between the boxes of faces that may touch in one of the tile's steps
   LabelDependencyRadius label;
 };
 
@@ -52,10 +52,11 @@ inline Cell LabelCellOf(const GroundPlane& ground, double gsd_m, const Eigen::Ve
   return {static_cast<int32_t>(std::floor(at.x())), static_cast<int32_t>(std::floor(at.y()))};
 }
 
-// Region bits kCoreRegion to kLabelRegion of every face. `mesh`: at the start; `cell`: LabelCellOf each face; `core`:
-// one flag per face. Exact if the mesh contains all faces adjacent to those found.
-std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
-                                 const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
-                                 const RegionDependencyRadius& radius);
+// Region bits kCoreRegion to kLabelRegion of every face. `positions`: of the mesh's vertices, for which
+// RegionDependencyRadius::contact_m holds; `cell`: LabelCellOf each face; `core`: one flag per face. Exact if the mesh
+// contains all faces adjacent to those found.
+std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const std::vector<Eigen::Vector3d>& positions,
+                                 const CsrRows& faces_of_vertex, const std::vector<Cell>& cell,
+                                 const std::vector<uint8_t>& core, const RegionDependencyRadius& radius);
 
 }  // namespace tessera

@@ -7,12 +7,14 @@
 namespace tessera {
 
 VisibleSet FindVisibleSet(const Survey& survey, const std::vector<uint8_t>& core, const std::vector<int32_t>& views,
-                          const VisibleSetOptions& options) {
+                          const VisibleSetOptions& options, std::span<const Eigen::AlignedBox3d> boxes) {
   const size_t cells = survey.cells.size();
   const Eigen::Vector3d motion = Eigen::Vector3d::Constant(options.motion_m);
   VisibleCellsProblem problem;
-  for (const SurveyCell& cell : survey.cells) {
-    problem.boxes.emplace_back(cell.box_min - motion, cell.box_max + motion);
+  for (size_t c = 0; c < cells; ++c) {
+    const SurveyCell& cell = survey.cells[c];
+    const Eigen::AlignedBox3d box = boxes.empty() ? Eigen::AlignedBox3d(cell.box_min, cell.box_max) : boxes[c];
+    problem.boxes.emplace_back(box.min() - motion, box.max() + motion);
   }
   for (const int32_t view : views) {
     problem.views.emplace_back(survey.views[view].camera);

@@ -1,7 +1,9 @@
 // Finds which ground cells of the city, and which part of each image, the pixels of a tile can depend on.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "common/job/ground.h"
@@ -11,7 +13,7 @@
 namespace tessera {
 
 struct VisibleSetOptions {
-  double motion_m = 0;          // bound of a vertex's distance from its start
+  double motion_m = 0;          // bound of a vertex's distance from its place in the boxes
   int reference_margin_px = 0;  // ReferenceMargin_px, TargetMargin_px of the job's windows and levels
   int target_margin_px = 0;
   int alignment_px = 1;  // corners of windows are multiples of this
@@ -24,8 +26,8 @@ struct VisibleSet {
 
 // FindVisibleCells for the core's cells, each in the views selected for it. Boxes are enlarged by the motion, so the
 // result holds for all positions of the vertices. `views`: survey indices, ascending; `core`: one flag per survey
-// cell.
+// cell; `boxes`: of the faces of each survey cell; empty: the survey's, which are those of the start.
 VisibleSet FindVisibleSet(const Survey& survey, const std::vector<uint8_t>& core, const std::vector<int32_t>& views,
-                          const VisibleSetOptions& options);
+                          const VisibleSetOptions& options, std::span<const Eigen::AlignedBox3d> boxes = {});
 
 }  // namespace tessera

@@ -5,6 +5,7 @@
 #include <map>
 
 #include "common/job/survey.h"
+#include "common/job/task_kinds.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
 #include "tests/property/line/strip.h"
@@ -13,6 +14,7 @@
 #include "tests/support/read_tile_state.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/city/moved_city.h"
+#include "worker/tile/cut_tile.h"
 
 namespace tessera {
 namespace {
@@ -66,8 +68,9 @@ TEST_F(SecondSplitTest, CityStaysASplitOfTheInput) {
 }
 
 TEST_F(SecondSplitTest, VerticesBeginWhereTheCoarseLevelsMovedThem) {
-  const auto moved = MovedCity::Open(fine_folder_ + "/" + kMovedFile, static_cast<int64_t>(fine_.mesh.vertices.size()),
-                                     static_cast<int64_t>(fine_.mesh.faces.size()));
+  const auto moved =
+      MovedCity::Open(fine_folder_ + "/" + kMovedFile, static_cast<int64_t>(fine_.mesh.vertices.size()),
+                      static_cast<int64_t>(fine_.mesh.faces.size()), SurveyIn(fine_folder_).cells.size());
   ASSERT_TRUE(moved.ok()) << moved.status();
   size_t compared = 0, moves = 0, states = 0;
   for (const LineTask& task : tasks_) {
@@ -99,6 +102,44 @@ TEST_F(SecondSplitTest, VerticesBeginWhereTheCoarseLevelsMovedThem) {
   }
   EXPECT_EQ(states, 6u);
   EXPECT_GT(moves, compared / 2);
+}
+
+// The cuts of the fine part rely on this: no state is farther from where the fine part begins than its steps may go.
+TEST_F(SecondSplitTest, FinePartStaysNearItsBeginning) {
+  const Survey survey = SurveyIn(fine_folder_);
+  const auto moved = MovedCity::Open(fine_folder_ + "/" + kMovedFile, static_cast<int64_t>(fine_.mesh.vertices.size()),
+                                     static_cast<int64_t>(fine_.mesh.faces.size()), survey.cells.size());
+  ASSERT_TRUE(moved.ok()) << moved.status();
+  double bound_m = 0, farthest_m = 0;
+  bool fine = false;
+  for (const LineTask& task : tasks_) {
+    fine |= task.planned.kind == kSplitKind;
+    if (fine && task.planned.kind == kCutKind) {
+      const auto cut = ParseCutParameters(task.planned.parameters);
+      ASSERT_TRUE(cut.ok()) << cut.status();
+      EXPECT_EQ(cut->fine_iterations, (std::vector<int>{1, 1}));
+      bound_m = CutOptionsOf(*cut, survey.gsd_m, TileRefineOptions()).visible_set.motion_m;
+    }
+    if (!fine || (task.planned.kind != kSolveKind && task.planned.kind != kMendKind)) continue;
+    const auto state = ReadTileState(task.output_dir + "/" + kStateFile);
+    ASSERT_TRUE(state.ok()) << state.status();
+    for (size_t v = 0; v < state->vertex_ids.size(); ++v) {
+      farthest_m = std::max(farthest_m, (state->positions[v] - moved->spans().positions[state->vertex_ids[v]]).norm());
+    }
+  }
+  EXPECT_LE(farthest_m, bound_m);
+  EXPECT_GT(farthest_m, 0.3 * bound_m);
+  EXPECT_LT(bound_m, 3 * survey.gsd_m);
+  for (size_t f = 0; f < fine_.mesh.faces.size(); ++f) {
+    const Eigen::Vector2i at = survey.ground.Cell(MeshSpans(fine_.mesh).Centroid(f));
+    const auto cell = std::find_if(survey.cells.begin(), survey.cells.end(),
+                                   [&](const SurveyCell& each) { return each.x == at.x() && each.y == at.y(); });
+    ASSERT_NE(cell, survey.cells.end());
+    for (const uint32_t v : fine_.mesh.faces[f]) {
+      EXPECT_TRUE(moved->spans().cell_boxes[static_cast<size_t>(cell - survey.cells.begin())].contains(
+          moved->spans().positions[v]));
+    }
+  }
 }
 
 TEST_F(SecondSplitTest, CellsKeepTheirViews) {

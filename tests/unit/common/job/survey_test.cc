@@ -181,7 +181,7 @@ TEST(Survey, UpdatesOnlyWidenViewDepths) {
 }
 
 TEST(TaskParameters, RoundTrip) {
-  const CutParameters cut = {{7, {-3, 0, 4, 5}}, {{0, 0, 1, 1}, {-3, 0, 4, 5}}, 9, 3};
+  CutParameters cut = {{7, {-3, 0, 4, 5}}, {{0, 0, 1, 1}, {-3, 0, 4, 5}}, 9, 3};
   const auto parsed = ParseCutParameters(ToJson(cut));
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_EQ(parsed->tile.core, cut.tile.core);
@@ -189,6 +189,11 @@ TEST(TaskParameters, RoundTrip) {
   EXPECT_EQ(parsed->window_px, 9);
   EXPECT_EQ(parsed->coarsest_level, 3);
   EXPECT_EQ(ToJson(*parsed), ToJson(cut));
+  EXPECT_TRUE(parsed->fine_iterations.empty());
+  cut.fine_iterations = {6, 3};
+  cut.max_step_px = 0.7;
+  EXPECT_EQ(ParseCutParameters(ToJson(cut))->fine_iterations, cut.fine_iterations);
+  EXPECT_EQ(ParseCutParameters(ToJson(cut))->max_step_px, 0.7);
   const PublishParameters publish = {{{0, {0, 0, 1, 1}}}};
   EXPECT_EQ(ToJson(*ParsePublishParameters(ToJson(publish))), ToJson(publish));
   ChangesParameters changes = {{{0, 0, 96, 96}}, {1, 2}, "town"};

@@ -135,7 +135,7 @@ TEST(Plan, FinestLevelHasFacesOfItsOwn) {
                   "crop tile 0: 0000/tile.arrays of cut tile 0",
                   "refine tile 0: tile.arrays of cut tile 0, views.arrays of crop tile 0",
                   "split: city.arrays of ingest, survey.json of ingest, 0000/state.arrays of refine tile 0",
-                  "cut tile 0, finest level: city.arrays of split, plain.json of split",
+                  "cut tile 0, finest level: city.arrays of split, plain.json of split, moved.arrays of split",
                   "start tile 0, finest level: city.arrays of split, plain.json of split, moved.arrays of split",
                   "crop tile 0, finest level: 0000/tile.arrays of cut tile 0, finest level, "
                   "0000/views.arrays of crop tile 0",

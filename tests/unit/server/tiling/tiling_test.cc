@@ -183,6 +183,17 @@ TEST(CostModel, PartialCellsCountByTheirShare) {
   EXPECT_LE(work.package_faces, 100 * std::pow(5 + 2 * package_cells, 2) + 1e-6);
   EXPECT_GE(work.package_faces, 100 * (25 + 4 * 5 * package_cells));
   EXPECT_EQ(WithFaces(work, 0.5).package_faces, 0.5 * work.package_faces);
+  // Less far in the fine part, whose memory is then predicted to be less.
+  const double fine_cells = kFinePackageGsd * survey.gsd_m / survey.ground.cell_m;
+  EXPECT_LE(work.fine_package_faces, 100 * std::pow(5 + 2 * fine_cells, 2) + 1e-6);
+  EXPECT_GE(work.fine_package_faces, 100 * (25 + 4 * 5 * fine_cells));
+  EXPECT_EQ(InFinePart(work).package_faces, work.fine_package_faces);
+  JobEffort parts;
+  parts.fine.mends = 1;
+  const int64_t whole = OfParts(PredictMend, work, parts).peak_bytes;
+  parts.coarse.iterations = 1;
+  parts.coarse_faces = 0.1;
+  EXPECT_LT(OfParts(PredictMend, work, parts).peak_bytes, whole);
 }
 
 TEST(CostModel, ViewsOpenAheadCountUpToTheirBound) {

@@ -137,8 +137,8 @@ TEST(BeliefPropagation, NearOptimalOnSmallFieldsWithLoops) {
   EXPECT_GE(best, 59);
 }
 
-// Bar: within 0.5 % of the possible gain on every field, within 0.1 % on average. The gain that is missed lies where the
-// classifier errs over areas larger than a block (tests/bench/speed.md).
+// Bar: within 0.5 % of the possible gain on every field, within 0.1 % on average. The gain that is missed lies where
+// the classifier errs over areas larger than a block (tests/bench/speed.md).
 TEST(BeliefPropagation, AsGoodAsAlphaExpansionOnMeshFields) {
   double missed = 0;
   int fields = 0;

@@ -66,6 +66,35 @@ TEST(Stepper, SetLabelsGivesTheStepsOfANewStepper) {
   EXPECT_EQ(step(changed), step(unlabelled));
 }
 
+// The cuts of the fine part of a job rely on this bound.
+TEST(Stepper, NoStepIsLongerThanItsBound) {
+  const double gsd_m = 0.1;
+  const TriangleMesh start = HeightField(12, 2, Flat);
+  const size_t n = start.vertices.size();
+  StepperOptions options;
+  options.max_normal_gsd = options.max_tangent_gsd = 1000;
+  double longest = 0;  // / bound
+  for (int level = 0; level < 3; ++level) {
+    for (int iteration = 0; iteration < 8; iteration += 3) {
+      const auto seed = static_cast<uint64_t>(10 * level + iteration);
+      const TriangleMesh mesh = {Added(start.vertices, RandomSteps(n, 0.02, seed)), start.faces, {}};
+      PhotoDerivatives data;
+      data.gradient = RandomSteps(n, 1e6, seed + 1);
+      data.curvature.assign(n, Eigen::Matrix3d::Identity());
+      data.pairs.assign(n, 1);
+      std::vector<Eigen::Vector3f> last;
+      for (const Vector3d& step : RandomSteps(n, 10, seed + 2)) last.push_back(step.cast<float>());
+      Stepper stepper(start, {}, gsd_m, Vector3d::UnitZ(), options);
+      const double bound_m = LongestStep_m(options, gsd_m, level, iteration);
+      for (const Vector3d& step : stepper.Step(mesh, data, level, iteration, last)) {
+        longest = std::max(longest, step.norm() / bound_m);
+      }
+    }
+  }
+  EXPECT_LE(longest, 1);
+  EXPECT_GT(longest, 0.98);
+}
+
 // Even a ragged boundary must not shrink: a small retreat per step would remove it after some rounds.
 TEST(Stepper, GroundBoundaryStaysInPlanAndWallBoundaryMayMove) {
   TriangleMesh ground = Stairs(24, 6);

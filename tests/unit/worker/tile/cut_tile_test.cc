@@ -5,6 +5,7 @@
 
 #include <map>
 #include <set>
+#include <span>
 
 #include "common/geometry/csr_rows.h"
 #include "common/geometry/edge_list.h"
@@ -28,11 +29,12 @@ std::vector<uint8_t> InCore(const TinyCity& tiny, const CellRect& core) {
 
 // Calls body(tile, cores, its cut) for each tile of random tilings.
 template <class Body>
-void ForTiles(const TinyCity& tiny, const CutOptions& options, int tilings, const Body& body) {
+void ForTiles(const TinyCity& tiny, const CutOptions& options, int tilings, const Body& body,
+              const MovedSpans* moved = nullptr) {
   for (int seed = 0; seed < tilings; ++seed) {
     Random random(static_cast<uint64_t>(seed));
     const std::vector<CellRect> cores = RandomCores(tiny.survey, &random);
-    const std::vector<CutResult> cuts = CutAll(tiny, cores, options);
+    const std::vector<CutResult> cuts = CutAll(tiny, cores, options, moved);
     for (size_t t = 0; t < cuts.size(); ++t) body(t, cores, cuts[t]);
   }
 }
@@ -92,16 +94,15 @@ TEST(CutTile, PackagesHaveCommonElementsInTheSameOrder) {
   EXPECT_GT(smaller, 0u) << "no package is smaller than the city";
 }
 
-// Compares with regions computed step by step on the whole city.
-TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
-  const TinyCity tiny = MakeTinyCity();
+// Compares with regions computed step by step on the whole city, for faces that touch at `positions`.
+void CompareRegions(const TinyCity& tiny, const CutOptions& options, const std::vector<Vector3d>& positions,
+                    const MovedSpans* moved) {
   const TriangleMesh& mesh = tiny.mesh;
   const CsrRows faces_of_vertex = FacesOfVertices(mesh);
-  const CutOptions options = ShortReach();
   const RegionDependencyRadius& reach = options.radius;
   std::vector<AlignedBox3d> boxes(mesh.faces.size());
   for (size_t f = 0; f < boxes.size(); ++f) {
-    for (const uint32_t v : mesh.faces[f]) boxes[f].extend(mesh.vertices[v]);
+    for (const uint32_t v : mesh.faces[f]) boxes[f].extend(positions[v]);
   }
   const auto touching = [&](std::vector<uint8_t> faces) {
     const std::vector<uint8_t> before = faces;
@@ -122,40 +123,115 @@ TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     cell.push_back(LabelCellOf(tiny.survey.ground, tiny.survey.gsd_m, MeshSpans(mesh).Centroid(f)));
   }
-  ForTiles(tiny, options, 3, [&](size_t t, const std::vector<CellRect>& cores, const CutResult& cut) {
-    const std::vector<uint8_t> core = InCore(tiny, cores[t]);
-    const std::set<uint32_t> own = FacesWith(cut.package, kCoreRegion);
-    EXPECT_EQ(own.size(), static_cast<size_t>(std::count(core.begin(), core.end(), 1)));
-    ExpectHas(own, core, "core");
-    // Vertices at most `solve_rings` edges from the core, with all their faces.
-    std::vector<uint8_t> vertices(mesh.vertices.size(), 0);
-    for (size_t f = 0; f < core.size(); ++f) {
-      for (const uint32_t v : mesh.faces[f]) vertices[v] |= core[f];
+  ForTiles(
+      tiny, options, 3,
+      [&](size_t t, const std::vector<CellRect>& cores, const CutResult& cut) {
+        const std::vector<uint8_t> core = InCore(tiny, cores[t]);
+        const std::set<uint32_t> own = FacesWith(cut.package, kCoreRegion);
+        EXPECT_EQ(own.size(), static_cast<size_t>(std::count(core.begin(), core.end(), 1)));
+        ExpectHas(own, core, "core");
+        // Vertices at most `solve_rings` edges from the core, with all their faces.
+        std::vector<uint8_t> vertices(mesh.vertices.size(), 0);
+        for (size_t f = 0; f < core.size(); ++f) {
+          for (const uint32_t v : mesh.faces[f]) vertices[v] |= core[f];
+        }
+        const auto faces_about = [&] {
+          std::vector<uint8_t> faces(mesh.faces.size(), 0);
+          for (size_t f = 0; f < faces.size(); ++f) {
+            for (const uint32_t v : mesh.faces[f]) faces[f] |= vertices[v];
+          }
+          return faces;
+        };
+        for (int ring = 0; ring < reach.solve_rings; ++ring) {
+          const std::vector<uint8_t> faces = faces_about();
+          for (size_t f = 0; f < faces.size(); ++f) {
+            for (const uint32_t v : mesh.faces[f]) vertices[v] |= faces[f];
+          }
+        }
+        ExpectHas(FacesWith(cut.package, kSolveRegion), faces_about(), "solve");
+        std::vector<uint8_t> mend = core;
+        GrowRings(mesh, faces_of_vertex, 1, &mend);
+        for (const int rings : reach.repair.rings) {
+          GrowRings(mesh, faces_of_vertex, rings, &mend);
+          mend = touching(mend);
+        }
+        GrowRings(mesh, faces_of_vertex, reach.repair.start_rings, &mend);
+        ExpectHas(FacesWith(cut.package, kRepairRegion), mend, "mend");
+        ExpectHas(FacesWith(cut.package, kLabelRegion), FacesInDependencyRadius(links, cell, core, reach.label),
+                  "label");
+      },
+      moved);
+}
+
+TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
+  const TinyCity tiny = MakeTinyCity();
+  CompareRegions(tiny, ShortReach(), tiny.mesh.vertices, nullptr);
+}
+
+// A surface of which a part left the start, as far as it may, so that it lies over another part.
+struct MovedSurface {
+  std::vector<Vector3d> positions;
+  std::vector<AlignedBox3d> boxes;
+  MovedSurface(const TinyCity& tiny, double motion_m) {
+    for (const Vector3d& start : tiny.mesh.vertices) {
+      positions.push_back(start + Vector3d(start.x() > 1 ? -0.99 * motion_m : 0, 0, 0));
     }
-    const auto faces_about = [&] {
-      std::vector<uint8_t> faces(mesh.faces.size(), 0);
-      for (size_t f = 0; f < faces.size(); ++f) {
-        for (const uint32_t v : mesh.faces[f]) faces[f] |= vertices[v];
+    boxes.resize(tiny.survey.cells.size());
+    for (const Triangle& face : tiny.mesh.faces) {
+      const Vector3d centroid =
+          (tiny.mesh.vertices[face[0]] + tiny.mesh.vertices[face[1]] + tiny.mesh.vertices[face[2]]) / 3;
+      const Eigen::Vector2i at = tiny.survey.ground.Cell(centroid);
+      for (size_t c = 0; c < boxes.size(); ++c) {
+        if (tiny.survey.cells[c].x != at.x() || tiny.survey.cells[c].y != at.y()) continue;
+        for (const uint32_t v : face) boxes[c].extend(positions[v]);
       }
-      return faces;
-    };
-    for (int ring = 0; ring < reach.solve_rings; ++ring) {
-      const std::vector<uint8_t> faces = faces_about();
-      for (size_t f = 0; f < faces.size(); ++f) {
-        for (const uint32_t v : mesh.faces[f]) vertices[v] |= faces[f];
-      }
     }
-    ExpectHas(FacesWith(cut.package, kSolveRegion), faces_about(), "solve");
-    std::vector<uint8_t> mend = core;
-    GrowRings(mesh, faces_of_vertex, 1, &mend);
-    for (const int rings : reach.repair.rings) {
-      GrowRings(mesh, faces_of_vertex, rings, &mend);
-      mend = touching(mend);
-    }
-    GrowRings(mesh, faces_of_vertex, reach.repair.start_rings, &mend);
-    ExpectHas(FacesWith(cut.package, kRepairRegion), mend, "mend");
-    ExpectHas(FacesWith(cut.package, kLabelRegion), FacesInDependencyRadius(links, cell, core, reach.label), "label");
-  });
+  }
+  MovedSpans spans() const { return {positions, {}, {}, boxes, {}}; }
+};
+
+// In the fine part of a job. Blocks that hold faces which only touch the tile where the coarse part moved them are
+// found by their boxes at the start.
+TEST(CutTile, RegionsContainTheFacesThatTouchOnTheMovedSurface) {
+  TinyCity tiny = MakeTinyCity();
+  for (SurveyCell& cell : tiny.survey.cells) cell.views.clear();  // so that only regions make the cut read blocks
+  CutOptions options = ShortReach();
+  options.motion_m = 9;
+  options.radius.contact_m = 0.1;
+  const MovedSurface surface(tiny, options.motion_m);
+  const MovedSpans moved = surface.spans();
+  CompareRegions(tiny, options, surface.positions, &moved);
+}
+
+// The visible set is that of the moved boxes.
+TEST(CutTile, VisibleCellsAreThoseOfTheMovedSurface) {
+  const TinyCity tiny = MakeTinyCity();
+  CutOptions options = ShortReach();
+  options.motion_m = 3;
+  const MovedSurface surface(tiny, options.motion_m);
+  const MovedSpans moved = surface.spans();
+  size_t others = 0;
+  ForTiles(
+      tiny, options, 2,
+      [&](size_t t, const std::vector<CellRect>& cores, const CutResult& cut) {
+        const std::set<uint32_t> sample = FacesWith(cut.package, kSampleRegion);
+        std::vector<uint8_t> measured(tiny.survey.cells.size());
+        for (size_t c = 0; c < measured.size(); ++c) {
+          const SurveyCell& cell = tiny.survey.cells[c];
+          measured[c] = cores[t].Contains({cell.x, cell.y});
+          for (const uint32_t f : sample) {
+            const Eigen::Vector2i at = tiny.survey.ground.Cell(MeshSpans(tiny.mesh).Centroid(f));
+            measured[c] |= at.x() == cell.x && at.y() == cell.y;
+          }
+        }
+        const auto windows = [&](std::span<const AlignedBox3d> boxes) {
+          return FindVisibleSet(tiny.survey, measured, cut.package.view_ids, options.visible_set, boxes).windows;
+        };
+        EXPECT_EQ(cut.package.view_rects, windows(surface.boxes));
+        others += cut.package.view_rects != windows({});
+      },
+      &moved);
+  EXPECT_GT(others, 0u);
 }
 
 TEST(CutTile, FlagsExactlyTheVerticesThatLackFaces) {

@@ -95,10 +95,10 @@ inline std::vector<CellRect> RandomCores(const Survey& survey, Random* random) {
 }
 
 inline std::vector<CutResult> CutAll(const TinyCity& tiny, const std::vector<CellRect>& cores,
-                                     const CutOptions& options) {
+                                     const CutOptions& options, const MovedSpans* moved = nullptr) {
   std::vector<CutResult> cuts;
   for (size_t t = 0; t < cores.size(); ++t) {
-    auto cut = CutTile(tiny.city, tiny.survey, {{static_cast<int>(t), cores[t]}, cores}, options);
+    auto cut = CutTile(tiny.city, tiny.survey, {{static_cast<int>(t), cores[t]}, cores}, options, moved);
     EXPECT_TRUE(cut.ok()) << cut.status();
     cuts.push_back(*std::move(cut));
   }
@@ -108,6 +108,7 @@ inline std::vector<CutResult> CutAll(const TinyCity& tiny, const std::vector<Cel
 // Small dependency radii, so that not every tile contains the whole city.
 inline CutOptions ShortReach() {
   CutOptions options;
+  options.motion_m = 0.2;
   options.visible_set = {0.2, 3, 2, 1};
   options.radius.solve_rings = 2;
   options.radius.repair = {{1, 2}, 1};
