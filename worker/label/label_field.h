@@ -31,7 +31,7 @@ struct LabelField {
   size_t faces() const { return classes == 0 ? 0 : unary.size() / classes; }
 };
 
-inline constexpr double kLabelCellGsd = 16;
+inline constexpr double kLabelCellGsd = 32;
 
 struct LabelOptions {
   // kTessera: unary and pairwise terms scale with face area and edge length in units of the GSD, and p is a mean over
