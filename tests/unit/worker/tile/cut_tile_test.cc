@@ -190,8 +190,7 @@ struct MovedSurface {
   MovedSpans spans() const { return {positions, {}, {}, boxes, {}}; }
 };
 
-// In the fine part of a job. Blocks that hold faces which only touch the tile where the coarse part moved them are
-// found by their boxes at the start.
+// In the fine part of a job, faces may touch where the coarse part moved them.
 TEST(CutTile, RegionsContainTheFacesThatTouchOnTheMovedSurface) {
   TinyCity tiny = MakeTinyCity();
   for (SurveyCell& cell : tiny.survey.cells) cell.views.clear();  // so that only regions make the cut read blocks

@@ -25,6 +25,7 @@ VisibleSetOptions Bounds() {
 
 TilePackage Cut(const TinyCity& tiny, const CellRect& core, const VisibleSetOptions& sight) {
   CutOptions options;
+  options.motion_m = sight.motion_m;
   options.visible_set = sight;
   auto cut = CutTile(tiny.city, tiny.survey, {{0, core}, {core}}, options);
   EXPECT_TRUE(cut.ok()) << cut.status();
