@@ -5,6 +5,6 @@
 namespace tessera {
 
 // It is part of every task's key. Coordinator and workers must have the same version.
-inline constexpr char kAlgorithmVersion[] = "30";
+inline constexpr char kAlgorithmVersion[] = "31";
 
 }  // namespace tessera

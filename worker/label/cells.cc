@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numeric>
 #include <unordered_map>
+#include <utility>
 
 namespace tessera {
 namespace {
@@ -20,7 +21,11 @@ Cell BlockOf(const Cell& cell, BlockGrid grid) {
   return {static_cast<int32_t>((cell[0] + shift) >> 1), static_cast<int32_t>((cell[1] + shift) >> 1)};
 }
 
-int ColourOf(const Cell& block) { return (block[0] & 1) + 2 * (block[1] & 1); }
+int ColourOf(const Cell& block, BlockGrid grid) {
+  int first = block[0] & 1, second = block[1] & 1;
+  if (grid == BlockGrid::kOdd) std::swap(first, second);
+  return second ? 3 - first : first;
+}
 
 CellGroups GroupByCell(const std::vector<Cell>& cell_of_item) {
   CellGroups groups;

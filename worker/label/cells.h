@@ -16,8 +16,13 @@ enum class BlockGrid { kEven, kOdd };
 
 Cell BlockOf(const Cell& cell, BlockGrid grid);
 
-// x mod 2 + 2 (y mod 2): a 4-colouring in which adjacent blocks differ.
-int ColourOf(const Cell& block);
+inline constexpr int kColours = 4;
+
+// A colouring in which blocks that share a side or corner differ. Blocks change in the order of their colours, so a
+// block depends on neighbours of earlier colours, on neighbours of these, and so on. The order keeps such chains short:
+// of (x mod 2, y mod 2), 00, 10, 11, 01 for even blocks, which reaches two blocks in x and one in y; with x and y
+// exchanged for odd blocks.
+int ColourOf(const Cell& block, BlockGrid grid);
 
 // Items grouped by cell. Groups are sorted by (y, x).
 struct CellGroups {

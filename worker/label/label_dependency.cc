@@ -8,7 +8,7 @@
 namespace tessera {
 namespace {
 
-// Adjacency lists of a graph's nodes.
+// Adjacency lists of a directed graph's nodes.
 struct Neighbours {
   std::vector<uint64_t> offsets;
   std::vector<uint32_t> nodes;
@@ -17,16 +17,10 @@ struct Neighbours {
 Neighbours NeighboursOf(size_t nodes, const std::vector<std::array<uint32_t, 2>>& pairs) {
   Neighbours neighbours;
   neighbours.offsets.assign(nodes + 1, 0);
-  for (const auto& [a, b] : pairs) {
-    ++neighbours.offsets[a];
-    ++neighbours.offsets[b];
-  }
+  for (const auto& [from, to] : pairs) ++neighbours.offsets[from];
   std::partial_sum(neighbours.offsets.begin(), neighbours.offsets.end(), neighbours.offsets.begin());
   neighbours.nodes.resize(neighbours.offsets.back());
-  for (const auto& [a, b] : pairs) {
-    neighbours.nodes[--neighbours.offsets[a]] = b;
-    neighbours.nodes[--neighbours.offsets[b]] = a;
-  }
+  for (const auto& [from, to] : pairs) neighbours.nodes[--neighbours.offsets[from]] = to;
   return neighbours;
 }
 
@@ -50,20 +44,26 @@ void Grow(const Neighbours& neighbours, int steps, std::vector<uint8_t>* flags) 
   }
 }
 
-// Flags the faces of all blocks within `links` block links of a block with a flagged face.
+// Flags the faces of all blocks within `turns` turns, and then `links` links, of a block with a flagged face.
 void GrowByBlocks(const std::vector<std::array<uint32_t, 2>>& face_links, const std::vector<Cell>& cell, BlockGrid grid,
-                  int links, std::vector<uint8_t>* flags) {
+                  int turns, int links, std::vector<uint8_t>* flags) {
   std::vector<Cell> blocks(flags->size(), Cell{0, 0});
   for (size_t f = 0; f < cell.size(); ++f) blocks[f] = BlockOf(cell[f], grid);
   const CellGroups groups = GroupByCell(blocks);
-  std::vector<std::array<uint32_t, 2>> block_links;
-  for (const auto& [a, b] : face_links) {
-    if (groups.group[a] != groups.group[b]) block_links.push_back({groups.group[a], groups.group[b]});
+  std::vector<std::array<uint32_t, 2>> block_turns, block_links;  // from a block to one that it reads
+  for (const auto& [f, g] : face_links) {
+    const uint32_t a = groups.group[f], b = groups.group[g];
+    if (a == b) continue;
+    const int a_colour = ColourOf(groups.cells[a], grid), b_colour = ColourOf(groups.cells[b], grid);
+    if (a_colour != b_colour) block_turns.push_back(a_colour > b_colour ? std::array{a, b} : std::array{b, a});
+    block_links.push_back({a, b});
+    block_links.push_back({b, a});
   }
   std::vector<uint8_t> block_flags(groups.cells.size(), 0);
   for (size_t f = 0; f < flags->size(); ++f) {
     if ((*flags)[f]) block_flags[groups.group[f]] = 1;
   }
+  Grow(NeighboursOf(block_flags.size(), block_turns), turns, &block_flags);
   Grow(NeighboursOf(block_flags.size(), block_links), links, &block_flags);
   for (size_t f = 0; f < flags->size(); ++f) (*flags)[f] = block_flags[groups.group[f]];
 }
@@ -72,17 +72,21 @@ void GrowByBlocks(const std::vector<std::array<uint32_t, 2>>& face_links, const 
 
 LabelDependencyRadius LabelDependencyRadiusOf(const SolverOptions& options) {
   const int message_rings = kDecideRounds + 1 + std::max(0, options.iterations);
-  return {.odd_links = 3, .odd_rings = 1, .even_links = 4, .rings = message_rings + 1};
+  constexpr int kTurns = kColours - 1;
+  return {.odd_turns = kTurns, .odd_rings = 1, .even_turns = kTurns, .even_links = 1, .rings = message_rings + 1};
 }
 
 std::vector<uint8_t> FacesInDependencyRadius(const std::vector<std::array<uint32_t, 2>>& face_links,
                                              const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
                                              const LabelDependencyRadius& radius) {
-  const Neighbours neighbours = NeighboursOf(core.size(), face_links);
+  std::vector<std::array<uint32_t, 2>> both_ways = face_links;
+  both_ways.reserve(2 * face_links.size());
+  for (const auto& [a, b] : face_links) both_ways.push_back({b, a});
+  const Neighbours neighbours = NeighboursOf(core.size(), both_ways);
   std::vector<uint8_t> faces = core;
-  GrowByBlocks(face_links, cell, BlockGrid::kOdd, radius.odd_links, &faces);
+  GrowByBlocks(face_links, cell, BlockGrid::kOdd, radius.odd_turns, 0, &faces);
   Grow(neighbours, radius.odd_rings, &faces);
-  GrowByBlocks(face_links, cell, BlockGrid::kEven, radius.even_links, &faces);
+  GrowByBlocks(face_links, cell, BlockGrid::kEven, radius.even_turns, radius.even_links, &faces);
   Grow(neighbours, radius.rings, &faces);
   return faces;
 }

@@ -126,7 +126,7 @@ Blocks MakeBlocks(const LabelField& field, const UndecidedField& undecided, Bloc
   blocks.faces = std::move(groups.items);
   std::vector<int> colour(groups.cells.size());
   for (uint32_t b = 0; b < groups.cells.size(); ++b) {
-    colour[b] = ColourOf(groups.cells[b]);
+    colour[b] = ColourOf(groups.cells[b], grid);
     blocks.colours[colour[b]].push_back(b);
   }
   blocks.block.resize(numbers.size());

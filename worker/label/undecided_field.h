@@ -54,11 +54,11 @@ UndecidedField MakeUndecidedField(const LabelField& field, const FieldGraph& gra
 
 // The undecided faces grouped into blocks of cells; one block if the field has no cells.
 struct Blocks {
-  std::vector<uint32_t> block;                   // of each number
-  std::vector<uint32_t> index_in_block;          // of each number within its block
-  std::vector<uint32_t> offsets;                 // blocks + 1
-  std::vector<uint32_t> faces;                   // numbers of block b from offsets[b], ascending by the field's face
-  std::array<std::vector<uint32_t>, 4> colours;  // blocks of each colour
+  std::vector<uint32_t> block;           // of each number
+  std::vector<uint32_t> index_in_block;  // of each number within its block
+  std::vector<uint32_t> offsets;         // blocks + 1
+  std::vector<uint32_t> faces;           // numbers of block b from offsets[b], ascending by the field's face
+  std::array<std::vector<uint32_t>, kColours> colours;  // blocks of each colour
   // Flags of numbers with a link to a different block of the same colour (only large faces have one). Bridges keep
   // their labels, so that no two faces that change in blocks of one colour are linked.
   std::vector<uint8_t> bridge;

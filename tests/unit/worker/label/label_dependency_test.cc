@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <functional>
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
@@ -41,12 +43,15 @@ SolverOptions RandomOptions(Random* random) {
 
 // A cell whose even and odd blocks have these colours; different for every `place`.
 Cell CellOf(int even, int odd, int32_t place) {
-  Cell cell;
-  for (int axis = 0; axis < 2; ++axis) {
-    const int e = even >> axis & 1, o = odd >> axis & 1;
-    cell[axis] = (e ? (o ? 2 : 3) : (o ? 1 : 0)) + 4 * place;
+  for (int32_t i = 0; i < 16; ++i) {
+    const Cell cell = {i % 4 + 4 * place, i / 4 + 4 * place};
+    if (ColourOf(BlockOf(cell, BlockGrid::kEven), BlockGrid::kEven) == even &&
+        ColourOf(BlockOf(cell, BlockGrid::kOdd), BlockGrid::kOdd) == odd) {
+      return cell;
+    }
   }
-  return cell;
+  ADD_FAILURE() << "no cell with colours " << even << " and " << odd;
+  return {};
 }
 
 // A strip of faces that is much longer than the dependency radius. Cells follow each other as on the ground, or have
@@ -223,12 +228,15 @@ TEST(LabelDependency, EveryBoundIsAttained) {
     };
     const LabelDependencyRadius reach = LabelDependencyRadiusOf(p.options);
     EXPECT_EQ(kept(reach)[0], 1);
-    for (int LabelDependencyRadius::*number : {&LabelDependencyRadius::odd_links, &LabelDependencyRadius::odd_rings,
-                                               &LabelDependencyRadius::even_links, &LabelDependencyRadius::rings}) {
+    std::vector<uint8_t> others(p.core.size(), 1);
+    others[0] = 0;
+    EXPECT_NE(CoreOf(CutDown(p, others, &faces)).first, CoreOf(p).first) << iterations;
+    for (int LabelDependencyRadius::*number :
+         {&LabelDependencyRadius::odd_turns, &LabelDependencyRadius::odd_rings, &LabelDependencyRadius::even_turns,
+          &LabelDependencyRadius::even_links, &LabelDependencyRadius::rings}) {
       LabelDependencyRadius less = reach;
       --(less.*number);
       EXPECT_EQ(kept(less)[0], 0);
-      EXPECT_NE(CoreOf(CutDown(p, kept(less), &faces)).first, CoreOf(p).first) << iterations;
     }
   }
 }
@@ -244,6 +252,25 @@ TEST(LabelDependency, EnergyNeverExceedsTheStartForAnyNumberOfThreads) {
     const Labelling many = SolveLabels(p.field, p.start, p.options);
     EXPECT_EQ(single.labels, many.labels);
     EXPECT_EQ(single.beliefs, many.beliefs);
+  }
+}
+
+// Blocks of a grid read no farther than two blocks in one direction and one in the other.
+TEST(LabelDependency, ChainsOfTurnsAreShort) {
+  for (const BlockGrid grid : {BlockGrid::kEven, BlockGrid::kOdd}) {
+    Cell farthest = {0, 0};
+    const std::function<void(const Cell&, const Cell&)> follow = [&](const Cell& from, const Cell& block) {
+      for (size_t axis = 0; axis < 2; ++axis) {
+        farthest[axis] = std::max(farthest[axis], std::abs(block[axis] - from[axis]));
+      }
+      for (int32_t i = 0; i < 9; ++i) {
+        const Cell next = {block[0] + i % 3 - 1, block[1] + i / 3 - 1};
+        EXPECT_EQ(ColourOf(next, grid) == ColourOf(block, grid), i == 4);
+        if (ColourOf(next, grid) < ColourOf(block, grid)) follow(from, next);
+      }
+    };
+    for (int32_t i = 0; i < 4; ++i) follow({i % 2, i / 2}, {i % 2, i / 2});
+    EXPECT_EQ(farthest, grid == BlockGrid::kEven ? (Cell{2, 1}) : (Cell{1, 2}));
   }
 }
 
@@ -264,10 +291,14 @@ TEST(LabelDependency, FacesInRadiusGrowByBlocksThenByRings) {
     EXPECT_EQ(std::count(last, in.end(), 1), 0);
     return std::array<std::ptrdiff_t, 2>{first - in.begin(), last - in.begin()};
   };
-  // Face 20 is in the odd block 18 to 21, which touches the even blocks 16 to 23.
+  // Face 20 is in the odd block 18 to 21, which touches the even blocks 16 to 23. The odd blocks beside its own, and
+  // the even block 24 to 27 but not 12 to 15, have their turns earlier.
   EXPECT_EQ(range({}), (std::array<std::ptrdiff_t, 2>{16, 24}));
-  EXPECT_EQ(range({.odd_links = 1}), (std::array<std::ptrdiff_t, 2>{12, 28}));
+  EXPECT_EQ(range({.odd_turns = 1}), (std::array<std::ptrdiff_t, 2>{12, 28}));
+  EXPECT_EQ(range({.odd_turns = 3}), (std::array<std::ptrdiff_t, 2>{12, 28}));
   EXPECT_EQ(range({.odd_rings = 3}), (std::array<std::ptrdiff_t, 2>{12, 28}));
+  EXPECT_EQ(range({.even_turns = 1}), (std::array<std::ptrdiff_t, 2>{16, 28}));
+  EXPECT_EQ(range({.even_turns = 3}), (std::array<std::ptrdiff_t, 2>{16, 28}));
   EXPECT_EQ(range({.even_links = 1}), (std::array<std::ptrdiff_t, 2>{12, 28}));
   EXPECT_EQ(range({.rings = 1}), (std::array<std::ptrdiff_t, 2>{15, 25}));
 }
