@@ -90,11 +90,17 @@ ArrayFileWriter::~ArrayFileWriter() {
   unlink(temporary_.c_str());
 }
 
+void ArrayFileWriter::Fail(const Status& error) {
+  const std::lock_guard lock(mutex_);
+  status_.Update(error);
+  failed_ = true;
+}
+
 void ArrayFileWriter::Write(uint64_t offset, const char* data, size_t size_bytes) {
   size_t done = 0;
-  while (status_.ok() && done < size_bytes) {
+  while (!failed_ && done < size_bytes) {
     const ssize_t wrote = pwrite(fd_, data + done, size_bytes - done, static_cast<off_t>(offset + done));
-    if (wrote < 0 && errno != EINTR) status_ = FileError(errno, temporary_);
+    if (wrote < 0 && errno != EINTR) Fail(FileError(errno, temporary_));
     if (wrote > 0) done += static_cast<size_t>(wrote);
   }
 }
@@ -110,8 +116,7 @@ void ArrayFileWriter::AppendBytes(const std::string& name, size_t type, const vo
   region.hasher.Update(bytes, size_bytes);
   const ArrayFileHeader::Entry& entry = header_.entries[i];
   if (region.written_bytes + size_bytes > entry.count * ArrayFileHeader::value_bytes(entry)) {
-    if (status_.ok()) status_ = absl::InternalError(absl::StrCat(path_, ": too many values of \"", name, "\""));
-    return;
+    return Fail(absl::InternalError(absl::StrCat(path_, ": too many values of \"", name, "\"")));
   }
   const bool is_last =
       region.written_bytes + size_bytes == entry.count * ArrayFileHeader::value_bytes(entry);  // of the array
@@ -133,18 +138,16 @@ Status ArrayFileWriter::Finish() {
     ArrayFileHeader::Entry& entry = header_.entries[i];
     Region& region = regions_[i];
     Write(entry.offset + region.written_bytes - region.buffer.size(), region.buffer.data(), region.buffer.size());
-    if (status_.ok() && region.written_bytes != entry.count * ArrayFileHeader::value_bytes(entry)) {
-      status_ = absl::InternalError(absl::StrCat(path_, ": found ", region.written_bytes, " bytes of \"", entry.name,
-                                                 "\", expected ", entry.count * ArrayFileHeader::value_bytes(entry)));
+    if (region.written_bytes != entry.count * ArrayFileHeader::value_bytes(entry)) {
+      Fail(absl::InternalError(absl::StrCat(path_, ": found ", region.written_bytes, " bytes of \"", entry.name,
+                                            "\", expected ", entry.count * ArrayFileHeader::value_bytes(entry))));
     }
     entry.hash = region.hasher.Digest();
   }
   const std::string header = header_.Serialize();
   Write(0, header.data(), header.size());
-  if (status_.ok() && ftruncate(fd_, static_cast<off_t>(header_.file_bytes)) != 0) {
-    status_ = FileError(errno, temporary_);
-  }
-  if (status_.ok() && fsync(fd_) != 0) status_ = FileError(errno, temporary_);
+  if (!failed_ && ftruncate(fd_, static_cast<off_t>(header_.file_bytes)) != 0) Fail(FileError(errno, temporary_));
+  if (!failed_ && fsync(fd_) != 0) Fail(FileError(errno, temporary_));
   TESSERA_RETURN_IF_ERROR(status_);
   TESSERA_RETURN_IF_ERROR(RenameDurably(temporary_, path_));
   close(fd_);

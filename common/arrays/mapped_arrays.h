@@ -1,8 +1,10 @@
 // Reading and writing of array files larger than memory.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <string>
 #include <vector>
@@ -53,7 +55,8 @@ class MappedArrays {
 };
 
 // Writes an array file piece by piece; the number of values of each array is known in advance. Appends to different
-// arrays may alternate. The file equals that of WriteArrayFile, byte for byte. Not thread-safe.
+// arrays may alternate, and several threads may append to different arrays. The file equals that of WriteArrayFile,
+// byte for byte.
 class ArrayFileWriter {
  public:
   struct Array {
@@ -81,12 +84,15 @@ class ArrayFileWriter {
   ArrayFileWriter() = default;
   void AppendBytes(const std::string& name, size_t type, const void* data, size_t size_bytes);
   void Write(uint64_t offset, const char* data, size_t size_bytes);
+  void Fail(const Status& error);  // keeps the first
 
   std::string path_, temporary_;
   int fd_ = -1;
   ArrayFileHeader header_;
   std::vector<Region> regions_;
-  Status status_;
+  std::mutex mutex_;
+  Status status_;  // guarded by mutex_
+  std::atomic<bool> failed_ = false;
 };
 
 }  // namespace tessera

@@ -36,6 +36,7 @@ using nlohmann::json;
 
 constexpr size_t kMostOpenCrops = 64;               // files, of tiles; little memory each
 constexpr uint64_t kPartBytes = uint64_t{1} << 18;  // that are copied at once; stay in the cache
+constexpr size_t kCropsOfLane = 4;                  // between reports of progress
 
 // Metadata of a view in the file: the shape of level 0.
 struct Crop {
@@ -141,7 +142,7 @@ Crop ParseCrop(const json& j) {
                                           likelihoods.at(0), likelihoods.at(1), mapping)};
 }
 
-// Writes crops in any order.
+// Writes crops in any order, on several threads.
 class CropWriter {
  public:
   static StatusOr<CropWriter> Create(const std::string& path, const std::vector<int>& tiles,
@@ -390,17 +391,22 @@ Status CropViews(const ViewWindows& windows, const std::string& folder, const st
   });
   for (const Status& status : found) TESSERA_RETURN_IF_ERROR(status);
   TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path, windows.tiles, crops));
-  const auto at_once = static_cast<size_t>(ItemsAtOnce(largest_bytes));
-  for (size_t first = 0; first < shown.size(); first += at_once) {
+  // Each lane reads and writes one crop after the other, so at_once are in memory.
+  const auto at_once = static_cast<size_t>(ItemsAtOnce(largest_bytes)), part = kCropsOfLane * at_once;
+  for (size_t first = 0; first < shown.size(); first += part) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.9 * static_cast<double>(first) / static_cast<double>(shown.size()), "reading images");
-    std::vector<StatusOr<LoadedCrop>> loaded(std::min(at_once, shown.size() - first));
-    ParallelForEach(loaded.size(), 1,
-                    [&](size_t i) { loaded[i] = ReadCrop(shown[first + i]->view, folder, crops[first + i].shape); });
-    for (size_t i = 0; i < loaded.size(); ++i) {
-      TESSERA_ASSIGN_OR_RETURN(const LoadedCrop crop, std::move(loaded[i]));
-      writer.Add(first + i, crop);
-    }
+    const size_t end = std::min(first + part, shown.size());
+    std::vector<Status> read(end - first);
+    ParallelForEach(at_once, 1, [&](size_t lane) {
+      for (size_t i = first + lane; i < end; i += at_once) {
+        const StatusOr<LoadedCrop> loaded = ReadCrop(shown[i]->view, folder, crops[i].shape);
+        read[i - first] = loaded.status();
+        if (!loaded.ok()) break;
+        writer.Add(i, *loaded);
+      }
+    });
+    for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
   }
   control.Report(0.9, "writing crops");
   return writer.Finish();

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <numeric>
+#include <string>
+#include <thread>
 
 #include "common/storage/files.h"
 
@@ -35,6 +37,35 @@ TEST(ArrayFileWriter, WritesTheSameBytesInAnyAppendOrder) {
   (*writer)->Append<double>("points", std::span(points).subspan(2));
   ASSERT_TRUE((*writer)->Finish().ok());
   EXPECT_EQ(*ReadFile(TestPath("parts.arrays")), *ReadFile(TestPath("whole.arrays")));
+}
+
+TEST(ArrayFileWriter, WritesTheSameBytesFromSeveralThreads) {
+  constexpr size_t kArrays = 24, kThreads = 4;
+  ArrayFile file;
+  std::vector<ArrayFileWriter::Array> announced;
+  std::vector<std::vector<uint32_t>> values(kArrays);
+  for (size_t a = 0; a < kArrays; ++a) {
+    values[a].resize(10000 * (a % 5) + 7);
+    std::iota(values[a].begin(), values[a].end(), static_cast<uint32_t>(a));
+    file.arrays[std::to_string(a)] = values[a];
+    announced.push_back({std::to_string(a), std::vector<uint32_t>(), values[a].size()});
+  }
+  ASSERT_TRUE(WriteArrayFile(TestPath("whole.arrays"), file).ok());
+  auto writer = ArrayFileWriter::Create(TestPath("threads.arrays"), file.metadata, announced);
+  ASSERT_TRUE(writer.ok()) << writer.status();
+  std::vector<std::thread> threads;
+  for (size_t t = 0; t < kThreads; ++t) {
+    threads.emplace_back([&, t] {
+      for (size_t a = t; a < kArrays; a += kThreads) {
+        const std::span<const uint32_t> all = values[a];
+        (*writer)->Append<uint32_t>(std::to_string(a), all.first(7));
+        (*writer)->Append<uint32_t>(std::to_string(a), all.subspan(7));
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  ASSERT_TRUE((*writer)->Finish().ok());
+  EXPECT_EQ(*ReadFile(TestPath("threads.arrays")), *ReadFile(TestPath("whole.arrays")));
 }
 
 TEST(ArrayFileWriter, RejectsCountsThatDifferFromAnnounced) {
