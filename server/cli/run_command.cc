@@ -22,6 +22,7 @@
 #include "server/client/local_job.h"
 #include "server/display/progress_display.h"
 #include "server/display/run_summary.h"
+#include "server/tiling/tiling.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -139,7 +140,10 @@ StatusOr<int> Run(const RunFlags& flags) {
   LocalClusterOptions options;
   options.state_dir = folders.state;
   options.data_dir = data_dir.empty() ? folders.state + "/data" : data_dir;
-  options.workers = flags.workers > 0 ? flags.workers : std::min(2, cores);
+  const int64_t tile_bytes = flags.job.settings.tile_memory_bytes;
+  options.workers = flags.workers > 0
+                        ? flags.workers
+                        : WorkersFor(cores, MemoryLimit_bytes(), tile_bytes > 0 ? tile_bytes : kDefaultTileBytes);
   options.threads_per_worker = flags.threads_per_worker > 0 ? flags.threads_per_worker : cores;
   options.shared_storage = !flags.no_shared_storage;
   options.scene = request.scene_path();
@@ -201,7 +205,10 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
   command->add_option("--data", flags->data, "Folder for the coordinator's state (default OUT/.tessera/data)");
   command->add_option("--timeline", flags->timeline,
                       "Write a Chrome trace, one track per worker, to this file; open it with ui.perfetto.dev");
-  command->add_option("--workers", flags->workers, "Number of worker processes; 0: two, or one on a single core")
+  command
+      ->add_option("--workers", flags->workers,
+                   "Number of worker processes; 0: one per 4 cores, as far as each has memory for a tile, but at least "
+                   "two (one on a single core)")
       ->check(CLI::Range(0, 256))
       ->capture_default_str();
   command

@@ -15,6 +15,8 @@ constexpr double kPollSeconds = 0.02;
 constexpr int64_t kEarlyUs = 5'000'000;  // a worker that dies sooner than this after its start died early
 constexpr int kMaxEarlyDeaths = 5;
 constexpr int kLogLines = 15;
+constexpr int kCoresOfWorker = 4;
+constexpr double kKeptBytes = 3.0 * (1 << 30);  // at most, of a worker between tasks: tiles, freed memory
 constexpr char kLeaseSeconds[] = "10";  // short: on one machine a silent worker is most likely dead
 
 // The programs that are started are in packages of their own. NOT_FOUND names the one to install.
@@ -24,6 +26,12 @@ Status CheckProgram(const std::string& path, const std::string& package) {
 }
 
 }  // namespace
+
+int WorkersFor(int cores, int64_t memory_bytes, int64_t tile_bytes) {
+  const double fit = static_cast<double>(memory_bytes) / (static_cast<double>(tile_bytes) + kKeptBytes);
+  const int most = static_cast<int>(std::min<double>(cores / kCoresOfWorker, fit));
+  return std::max(most, std::min(2, cores));
+}
 
 StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Start(const LocalClusterOptions& options, const Clock& clock,
                                                             const Sleeper& wait) {

@@ -1,14 +1,15 @@
 // A coordinator and workers on this machine, owned by one command.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "common/base/clock.h"
-#include "common/base/status.h"
 #include "common/base/retry/retry.h"
+#include "common/base/status.h"
 #include "common/storage/files.h"
 #include "server/client/child_process.h"
 
@@ -23,6 +24,11 @@ struct LocalClusterOptions {
   // May be s3://BUCKET/PREFIX; the coordinator finds the store and its credentials as AWS's tools do.
   std::string scene = {};
 };
+
+// How many workers make good use of a machine: one per 4 cores, since more threads make a task little faster, and at
+// least two, or one on a single core. From the third on, each has room for a tile of `tile_bytes` and for what a worker
+// keeps in memory between tasks. The coordinator divides the cores between the tasks that run.
+int WorkersFor(int cores, int64_t memory_bytes, int64_t tile_bytes);
 
 // Not thread-safe: the same thread starts, supervises and stops it. The children are killed when that thread ends.
 class LocalCluster {
