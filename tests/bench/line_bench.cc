@@ -1,16 +1,19 @@
 // line_bench SCENE WORK_DIR TILES [ROUNDS]: runs a job in this process and prints what each task took and did. With
-// --cores it predicts what tasks would take on that many cores: see loop_recorder.h.
+// --cores it predicts what tasks would take on that many cores: see loop_recorder.h. With --workers it also predicts
+// what the whole job would take on a machine with these cores.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "common/base/loops/loop_recorder.h"
 #include "common/base/parallel.h"
+#include "server/leases/thread_rule.h"
 #include "tests/support/in_process_line.h"
 
 namespace tessera {
@@ -31,6 +34,60 @@ struct KindSeconds {
   Seconds all;
   LoopSeconds loops;
 };
+
+// A task of a job on one machine.
+struct TimedTask {
+  std::map<int, double> seconds;  // by cores
+  std::vector<size_t> after;      // the tasks whose outputs or plan it needs
+};
+
+// The tasks that each task of the job waits for: those whose outputs it reads, and the cuts that its plan is made from.
+std::vector<std::vector<size_t>> WaitsOf(const std::vector<LineTask>& tasks) {
+  std::vector<std::vector<size_t>> waits(tasks.size());
+  std::vector<size_t> cuts;
+  for (size_t t = 0; t < tasks.size(); ++t) {
+    const PlannedTask& planned = tasks[t].planned;
+    if (planned.kind == kSplitKind) cuts.clear();
+    if (planned.kind == kCutKind) {
+      cuts.push_back(t);
+    } else if (planned.kind != kCropKind) {
+      waits[t] = cuts;
+    }
+    for (const PlannedInput& input : planned.inputs) waits[t].push_back(static_cast<size_t>(input.task.value()));
+  }
+  return waits;
+}
+
+// Seconds until all tasks are done on `workers` workers of one machine. A worker takes the first task that can run, on
+// the cores that the coordinator would give it (ThreadsOfTask).
+double JobSeconds(const std::vector<TimedTask>& tasks, int cores, int workers) {
+  std::vector<size_t> waits_for(tasks.size());
+  std::vector<std::vector<size_t>> before(tasks.size());
+  std::set<size_t> ready;
+  for (size_t t = 0; t < tasks.size(); ++t) {
+    waits_for[t] = tasks[t].after.size();
+    for (const size_t other : tasks[t].after) before[other].push_back(t);
+    if (waits_for[t] == 0) ready.insert(t);
+  }
+  std::set<std::pair<double, size_t>> running;  // by the time of their ends
+  double now = 0;
+  while (true) {
+    while (!ready.empty() && running.size() < static_cast<size_t>(workers)) {
+      const MachineLoad load = {cores, workers, static_cast<int>(running.size()) + 1};
+      const int threads = ThreadsOfTask(load, static_cast<int>(ready.size()) - 1, cores);
+      const size_t task = *ready.begin();
+      ready.erase(ready.begin());
+      running.insert({now + tasks[task].seconds.at(threads), task});
+    }
+    if (running.empty()) return now;
+    const auto [end, done] = *running.begin();
+    running.erase(running.begin());
+    now = end;
+    for (const size_t next : before[done]) {
+      if (--waits_for[next] == 0) ready.insert(next);
+    }
+  }
+}
 
 void Add(const WorkRecord& work, int cores, KindSeconds* kind) {
   ++kind->all.count;
@@ -88,13 +145,24 @@ int Main(int argc, char** argv) {
   JobSettings settings;
   int cores = 0;
   size_t loops = 0;
+  std::vector<int> workers;
   app.add_option("scene", scene, "folder of the scene")->required();
   app.add_option("folder", folder, "new folder for the tasks' files")->required();
   app.add_option("tiles", settings.tiles, "number of tiles")->required();
   app.add_option("rounds", settings.rounds, "number of rounds");
   app.add_option("--cores", cores, "predict seconds on so many cores: all tasks run on one core");
   app.add_option("--loops", loops, "with --cores: so many loops of each kind, by the seconds that they lose");
+  app.add_option("--workers", workers,
+                 "with --cores: predict the job's seconds on so many workers, which share the cores; several numbers")
+      ->delimiter(',')
+      ->check(CLI::Range(1, 1024));
   CLI11_PARSE(app, argc, argv);
+  if (cores <= 0 && !workers.empty()) {
+    std::fprintf(stderr, "--workers: found no --cores; give it the cores of the machine\n");
+    return 1;
+  }
+  const int most_workers = workers.empty() ? 0 : *std::max_element(workers.begin(), workers.end());
+  std::vector<TimedTask> timed;
   std::optional<ThreadLimit> limit;
   std::optional<LoopRecorder> recorder;
   if (cores > 0) {
@@ -105,7 +173,15 @@ int Main(int argc, char** argv) {
   const auto run = [&](const TaskRequest& request) {
     if (recorder) recorder->Take();
     auto outcome = RunTask(request, TaskControl());
-    if (recorder) Add(recorder->Take(), cores, &kinds[request.kind]);
+    if (recorder) {
+      const WorkRecord work = recorder->Take();
+      Add(work, cores, &kinds[request.kind]);
+      TimedTask& task = timed.emplace_back();
+      for (int tasks = 1; tasks <= most_workers; ++tasks) {
+        const int threads = std::max(1, cores / tasks);
+        if (task.seconds.count(threads) == 0) task.seconds[threads] = PredictedSeconds(work, threads, kLoop_s);
+      }
+    }
     if (outcome.ok()) std::printf("%-8s %s\n", request.kind.c_str(), outcome->stats.c_str());
     std::fflush(stdout);
     return outcome;
@@ -117,6 +193,11 @@ int Main(int argc, char** argv) {
   }
   std::printf("%s/mesh.ply\n", tasks->back().output_dir.c_str());
   if (recorder) Print(kinds, cores, loops);
+  const std::vector<std::vector<size_t>> waits = WaitsOf(*tasks);
+  for (size_t t = 0; t < timed.size(); ++t) timed[t].after = waits[t];
+  for (const int count : workers) {
+    std::printf("%3d workers: %.2f s\n", count, JobSeconds(timed, cores, count));
+  }
   return 0;
 }
 
