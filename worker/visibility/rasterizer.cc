@@ -201,13 +201,10 @@ void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> p
   maps->resize(std::max(maps->size(), windows.size()));
   const auto selection = [&](size_t view) { return selections.empty() ? FaceSelection() : selections[view]; };
   const size_t bytes = sizeof(GridVertex) * std::max<size_t>(1, mesh.vertices.size());
-  const auto threads = static_cast<size_t>(ThreadCount());
-  size_t together = std::min(windows.size(), std::max<size_t>(1, most_bytes_ / bytes));
-  // Threads draw as many views each, so that none waits for another's last view.
-  if (together < windows.size() && together > threads) together -= together % threads;
+  const size_t together = std::min(windows.size(), std::max<size_t>(1, most_bytes_ / bytes));
   for (size_t first = 0; first < windows.size(); first += together) {
     const size_t count = std::min(together, windows.size() - first);
-    const int threads_each = static_cast<int>(threads / count);
+    const int threads_each = ThreadCount() / static_cast<int>(count);
     ParallelForEach(count, 1, [&](size_t i) {
       const size_t view = first + i;
       std::unique_ptr<Workspace> workspace = pool_->Take();

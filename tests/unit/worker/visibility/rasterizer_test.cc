@@ -109,8 +109,7 @@ TEST(Rasterizer, DrawsTheSameIfFewWindowsFitTheMemory) {
   for (const CameraWindow& window : windows) parts.push_back(CellBoxes(mesh).InWindow(window, kNearPlane_m));
   std::vector<FaceMap> together;
   Rasterizer().DrawParts(mesh, parts, windows, &together);
-  const ThreadLimit two(2);
-  for (const size_t at_once : {0, 1, 3, 5}) {  // 3 and 5: then 2 and 4
+  for (const size_t at_once : {0, 1, 3}) {
     std::vector<FaceMap> maps;
     Rasterizer(static_cast<int64_t>(at_once * sizeof(GridVertex) * mesh.vertices.size()))
         .DrawParts(mesh, parts, windows, &maps);
