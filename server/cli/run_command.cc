@@ -140,10 +140,8 @@ StatusOr<int> Run(const RunFlags& flags) {
   LocalClusterOptions options;
   options.state_dir = folders.state;
   options.data_dir = data_dir.empty() ? folders.state + "/data" : data_dir;
-  const int64_t tile_bytes = flags.job.settings.tile_memory_bytes;
-  options.workers = flags.workers > 0
-                        ? flags.workers
-                        : WorkersFor(cores, MemoryLimit_bytes(), tile_bytes > 0 ? tile_bytes : kDefaultTileBytes);
+  const int64_t tile_bytes = TileLimit_bytes(flags.job.settings.tiles, flags.job.settings.tile_memory_bytes);
+  options.workers = flags.workers > 0 ? flags.workers : WorkersFor(cores, MemoryLimit_bytes(), tile_bytes);
   options.threads_per_worker = flags.threads_per_worker > 0 ? flags.threads_per_worker : cores;
   options.shared_storage = !flags.no_shared_storage;
   options.scene = request.scene_path();
@@ -208,7 +206,7 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option("--workers", flags->workers,
                    "Number of worker processes; 0: one per 4 cores, as far as each has memory for a tile, but at least "
-                   "two (one on a single core)")
+                   "two (one on a single core); two if --tiles is given without --tile-memory")
       ->check(CLI::Range(0, 256))
       ->capture_default_str();
   command

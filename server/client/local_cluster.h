@@ -25,9 +25,9 @@ struct LocalClusterOptions {
   std::string scene = {};
 };
 
-// How many workers make good use of a machine: one per 4 cores, since more threads make a task little faster, and at
-// least two, or one on a single core. From the third on, each has room for a tile of `tile_bytes` and for what a worker
-// keeps in memory between tasks. The coordinator divides the cores between the tasks that run.
+// How many workers to start on a machine: one per 4 cores, because several tasks at once use many cores better than one
+// task; at least two, or one on a single core. From the third on, each has room for a tile of `tile_bytes` and for what
+// a worker keeps in memory between tasks. The coordinator divides the cores between the tasks that run.
 int WorkersFor(int cores, int64_t memory_bytes, int64_t tile_bytes);
 
 // Not thread-safe: the same thread starts, supervises and stops it. The children are killed when that thread ends.

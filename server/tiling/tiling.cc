@@ -31,11 +31,7 @@ CellRect Tightened(const CellIndex& cells, const CellRect& rect) {
 class KdSplitter {
  public:
   KdSplitter(const CellIndex& cells, const TilingOptions& options)
-      : cells_(cells),
-        options_(options),
-        limit_bytes_(options.tile_bytes > 0 ? options.tile_bytes
-                     : options.tiles > 0    ? std::numeric_limits<int64_t>::max()
-                                            : kDefaultTileBytes) {}
+      : cells_(cells), options_(options), limit_bytes_(TileLimit_bytes(options.tiles, options.tile_bytes)) {}
 
   StatusOr<std::vector<CellRect>> Run() {
     TESSERA_RETURN_IF_ERROR(Split(cells_.bounds(), std::max(1, options_.tiles)));
@@ -191,6 +187,11 @@ class KdSplitter {
 };
 
 }  // namespace
+
+int64_t TileLimit_bytes(int tiles, int64_t tile_bytes) {
+  if (tile_bytes > 0) return tile_bytes;
+  return tiles > 0 ? std::numeric_limits<int64_t>::max() : kDefaultTileBytes;
+}
 
 double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const JobEffort& effort) {
   // Treats the cell as a tile whose crops show its square at the median GSD; each view has its share of partners.

@@ -13,6 +13,9 @@ namespace tessera {
 
 inline constexpr int64_t kDefaultTileBytes = int64_t{4} << 30;
 
+// Memory limit of a tile for these values of TilingOptions; the largest int64_t: none.
+int64_t TileLimit_bytes(int tiles, int64_t tile_bytes);
+
 struct TilingOptions {
   int tiles = 0;           // requested number; 0: as many as the memory limit requires
   int64_t tile_bytes = 0;  // memory limit of a tile; 0: 4 GiB, or no limit if `tiles` is set

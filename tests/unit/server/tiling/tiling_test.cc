@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <set>
 
@@ -113,6 +114,13 @@ TEST(Tiling, RequestedNumberIsExceededOnlyForAMemoryLimit) {
   TilingOptions options = WithMemory(int64_t{512} << 20, survey);
   options.tiles = 2;
   EXPECT_GT(LayOutTiles(CellIndex(survey), options)->size(), 2u);
+}
+
+TEST(Tiling, TilesOfARequestedNumberHaveNoMemoryLimitUnlessOneIsGiven) {
+  EXPECT_EQ(TileLimit_bytes(0, 0), kDefaultTileBytes);
+  EXPECT_EQ(TileLimit_bytes(9, 0), std::numeric_limits<int64_t>::max());
+  EXPECT_EQ(TileLimit_bytes(9, 1 << 30), 1 << 30);
+  EXPECT_EQ(TileLimit_bytes(0, 1 << 30), 1 << 30);
 }
 
 TEST(Tiling, CellThatDoesNotFitIsRefusedWithAdvice) {
