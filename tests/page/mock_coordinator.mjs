@@ -83,7 +83,7 @@ const kSettings = {
 export class MockCoordinator {
   // `page`: the folder that server/page/build made. `tiles`: a folder that is served as export/ of job 1, or null.
   constructor(page, tiles) {
-    Object.assign(this, { page, tiles, sessions: new Map(), streams: new Set(), streamsAllowed: true, calls: [], port: 0 });
+    Object.assign(this, { page, tiles, sessions: new Map(), streams: new Set(), streamsAllowed: true, surveyed: true, viewsAsked: 0, calls: [], port: 0 });
     this.jobs = [
       makeJob(2, { displayName: kHostile, owner: kHostile, state: 'JOB_STATE_RUNNING', endTime: undefined, createTime: ago(3100), startTime: ago(3050), tasksDone: 214, tilesDone: 26, progress: 0.63, etaLowS: 900, etaHighS: 1300, etaS: 1100,
         stage: `solving step 12 of 26, 26 of 40 tiles`, warnings: [`warning ${kHostile}`, 'image dji_7 is not sharp'], coreSeconds: 9400, predictedCoreSeconds: 15000, priority: 5 }),
@@ -206,8 +206,11 @@ export class MockCoordinator {
       else response.write(': nothing new\n\n');
       return undefined;
     }
-    if (rest === '/tiles') return reply(200, { tiles: name === 'jobs/5' || name === 'jobs/3' ? [] : this.tilesOf(name), nextPageToken: '' });
-    if (rest === '/views') return reply(200, { views: makeViews(), nextPageToken: '' });
+    if (rest === '/tiles') return reply(200, { tiles: name === 'jobs/5' || name === 'jobs/3' || !this.surveyed ? [] : this.tilesOf(name), nextPageToken: '' });
+    if (rest === '/views') {
+      ++this.viewsAsked;
+      return reply(200, { views: this.surveyed ? makeViews() : [], nextPageToken: '' });
+    }
     if (rest === '/attempts') {
       const tile = url.searchParams.get('tile');
       return reply(200, { attempts: makeAttempts().filter((each) => tile === null || each.tile === Number(tile)), nextPageToken: '' });

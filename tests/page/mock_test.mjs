@@ -104,6 +104,26 @@ test('from the list of jobs to the error of a failed tile: one click, its attemp
   await page.context().close();
 });
 
+test('cameras are asked for when the tiles are known, and once', async (t) => {
+  t.after(() => { mock.surveyed = true; });
+  const page = await openPage(browser);
+  await logIn(page, url, 'viewer-token');
+  Object.assign(mock, { surveyed: false, viewsAsked: 0 });
+  await page.goto(`${url}#/jobs/2?tile=9`);
+  await page.waitForSelector('text=The tiles are planned when the scene has been read.');
+  mock.change('jobs/2', { stage: 'reading the scene' });
+  await page.waitForSelector('.stage:has-text("reading the scene")');
+  assert.equal(mock.viewsAsked, 0);
+  mock.surveyed = true;
+  for (const [i, step] of ['solving step 11 of 26', 'solving step 12 of 26'].entries()) {
+    mock.change('jobs/2', { stage: step });
+    await page.waitForSelector(`.stage:has-text("${step}")`);
+    if (i === 0) await page.waitForSelector('.cameras circle');
+  }
+  assert.equal(mock.viewsAsked, 1);
+  await page.context().close();
+});
+
 test('by keyboard alone: a tile is chosen, and the layer is changed', async () => {
   const page = await openPage(browser);
   await logIn(page, url, 'viewer-token');

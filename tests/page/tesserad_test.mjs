@@ -97,7 +97,7 @@ test('the coordinator is killed: the page says so, and goes on by itself', async
   await page.waitForFunction(() => document.querySelectorAll('g.tile[aria-label$=", done"]').length === 4);
   await page.click('g.tile >> nth=0');
   await page.waitForSelector('.attempts li');
-  assert.ok(await page.locator('.cameras circle').count() > 0, 'no cameras are drawn');
+  await page.waitForSelector('.cameras circle');
   await picture(page, 'real_done');
   for (const [section, selector] of [['timeline', '.strip canvas'], ['energy', 'svg.plot'], ['files', 'a:has-text("mesh.ply")'], ['details', '.facts-table']]) {
     await page.goto(`${url}#/jobs/1/${section}`);

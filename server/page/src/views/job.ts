@@ -49,6 +49,7 @@ export function jobView(name: string, route: Route): View {
     tiles = (await getAll<Tile>(`/api/v1/${name}/tiles`, 'tiles', kMaxTiles)).items;
     tileList.interval_ms = Math.min(Math.max(1000, kTile_ms * tiles.length), 30_000);
     map.setTiles(tiles);
+    if (section === '' && cameras.length === 0 && tiles.some((each) => each.views.length > 0)) cameraList.request();
   }));
   const attemptList = new Refresher(3000, load(async () => {
     const list = await getAll<Attempt>(`/api/v1/${name}/attempts`, 'attempts', kMaxAttempts);
@@ -60,7 +61,7 @@ export function jobView(name: string, route: Route): View {
     const list = await getAll<Attempt>(`/api/v1/${name}/attempts`, 'attempts', kMaxAttempts, { tile: String(asked) });
     ofTile = { tile: asked, attempts: list.items };
   }));
-  const cameraList = new Refresher(10_000, load(async () => {
+  const cameraList = new Refresher(1000, load(async () => {
     if (cameras.length > 0) return;
     cameras = (await getAll<Camera>(`/api/v1/${name}/views`, 'views', 200_000)).items;
     map.setViews(cameras);
@@ -78,7 +79,6 @@ export function jobView(name: string, route: Route): View {
   // Loads what the section shows, after each change of the job.
   function loadSection(): void {
     tileList.request();
-    if (section === '') cameraList.request();
     if (section === 'timeline') attemptList.request();
     if (section === '' && tile >= 0) tileAttempts.request();
     if (section === 'files') fileList.request();
