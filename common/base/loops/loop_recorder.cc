@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <ctime>
 #include <memory>
-#include <queue>
+#include <set>
 #include <utility>
 
 namespace tessera {
@@ -101,16 +101,27 @@ double PredictedSeconds(const WorkRecord& work, int cores, double loop_s) {
 }
 
 double PredictedSeconds(const LoopRecord& loop, int cores, double loop_s) {
-  const int threads = static_cast<int>(std::min<int64_t>(cores, static_cast<int64_t>(loop.chunks.size())));
+  const auto chunks = static_cast<int64_t>(loop.chunks.size());
+  const auto threads = static_cast<int>(std::min<int64_t>(cores, chunks));
   if (threads <= 0) return 0;
   const int cores_each = cores / threads;
-  std::priority_queue<double, std::vector<double>, std::greater<>> free_at;
-  for (int thread = 0; thread < threads; ++thread) free_at.push(0);
+  struct Part {
+    int64_t next, end;
+  };
+  std::vector<Part> parts;
+  std::set<std::pair<double, int>> free_at;  // with the thread
+  for (int thread = 0; thread < threads; ++thread) {
+    parts.push_back({thread * chunks / threads, (thread + 1) * chunks / threads});
+    free_at.insert({0, thread});
+  }
   double end = 0;
-  for (const WorkRecord& chunk : loop.chunks) {
-    const double done = free_at.top() + PredictedSeconds(chunk, cores_each, loop_s);
-    free_at.pop();
-    free_at.push(done);
+  for (int64_t left = chunks; left > 0; --left) {
+    const auto [now, thread] = *free_at.begin();
+    free_at.erase(free_at.begin());
+    int part = thread;
+    while (parts[part].next == parts[part].end) part = (part + 1) % threads;
+    const double done = now + PredictedSeconds(loop.chunks[parts[part].next++], cores_each, loop_s);
+    free_at.insert({done, thread});
     end = std::max(end, done);
   }
   return threads > 1 ? end + loop_s : end;

@@ -59,10 +59,10 @@ class LoopRecorder {
   double last_s_ = 0, seconds_before_ = 0;
 };
 
-// Seconds of a piece of work on `cores` cores, by a schedule of the recorded chunks: each goes to the core that is free
-// first, in the order of the chunks. If there are more cores than chunks, loops within chunks share those that are
-// left. A loop on several cores takes `loop_s` more. Memory bandwidth, caches and help of idle cores with a longer
-// chunk's own loops are not modelled.
+// Seconds of a piece of work on `cores` cores, by a schedule of the recorded chunks with the rule of ParallelFor: each
+// core begins with its own part of the loop and then helps with those of the next cores. If there are more cores than
+// chunks, loops within chunks share those that are left. A loop on several cores takes `loop_s` more. Memory bandwidth,
+// caches and help of idle cores with a longer chunk's own loops are not modelled.
 double PredictedSeconds(const WorkRecord& work, int cores, double loop_s);
 double PredictedSeconds(const LoopRecord& loop, int cores, double loop_s);
 

@@ -94,10 +94,13 @@ TEST(LoopRecorderTest, NamesTheFunctionOfALoop) {
   EXPECT_EQ(work.loops[2].Name(), "Caller::CallsForEach (long)#2");
 }
 
-TEST(PredictedSecondsTest, GivesEachChunkToTheCoreThatIsFreeFirst) {
+TEST(PredictedSecondsTest, EachCoreTakesItsPartAndThenHelpsTheNext) {
   const LoopRecord loop = LoopOf({Seconds(3), Seconds(1), Seconds(1), Seconds(2)});
   EXPECT_DOUBLE_EQ(PredictedSeconds(loop, 1, .5), 7);
-  EXPECT_DOUBLE_EQ(PredictedSeconds(loop, 2, .5), 4.5);  // 3; 1 + 1 + 2
+  EXPECT_DOUBLE_EQ(PredictedSeconds(loop, 2, .5), 4.5);  // 3 + 1; 1 + 2
+  // 2 + 6; 3 + 1 + 4. In the order of the chunks it would be 10: 2 + 3 + 1; 6 + 4.
+  const LoopRecord uneven = LoopOf({Seconds(2), Seconds(6), Seconds(3), Seconds(1), Seconds(4)});
+  EXPECT_DOUBLE_EQ(PredictedSeconds(uneven, 2, 0), 8);
   EXPECT_DOUBLE_EQ(PredictedSeconds(loop, 9, .5), 3.5);
   EXPECT_DOUBLE_EQ(PredictedSeconds({10, {loop, loop}}, 2, .5), 19);
   EXPECT_EQ(PredictedSeconds(LoopOf({}), 4, .5), 0);
