@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/base/loops/uninitialized_vector.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/border_trust.h"
 #include "worker/photo/photo_term.h"
@@ -39,7 +40,7 @@ struct FaceContour {
 
 // Sorted by face.
 struct ContourSums {
-  std::vector<FaceContour> faces;
+  UninitializedVector<FaceContour> faces;
   std::vector<int32_t> views;  // the job's view ids
 
   // Appends a contour of other sums, with its views, as that of `face`.

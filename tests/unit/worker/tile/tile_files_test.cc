@@ -136,6 +136,7 @@ TEST(TileFiles, SumsRoundTrip) {
     s.contours.faces[0].gradient[k] = Eigen::Vector3d(k, 0.1f, -0.2f);
     for (int i = 0; i < 6; ++i) s.contours.faces[0].curvature[k][i] = static_cast<float>(10 * k + i) / 3;
   }
+  s.contours.faces[0].views_begin = 0;
   s.contours.faces[0].views_end = 2;
   s.contours.views = {4, 8};
   s.energy = 1.0 / 3;
