@@ -32,7 +32,7 @@ void ConcurrentForEach(int64_t count, int at_once, const std::function<void(int6
 // The number of threads that ParallelFor may use now; at least 1.
 int ThreadCount();
 
-// For loops over large items, such as images: how many to hold in memory at once. One per thread, at most 16, and no
+// For loops over large items, such as images: how many to hold in memory at once. One per thread, at most 64, and no
 // more than fit LookaheadLimit_bytes; at least one.
 int ItemsAtOnce(double bytes_each);
 

@@ -37,6 +37,19 @@ void ForFaces(const MeshPart& part, const Body& body) {
   });
 }
 
+// The items of a loop: -1, -2, ... for the long ones, 0, 1, ... for the others. Each thread begins with its own part of
+// a loop, so the long ones are distributed over the parts, and are the first there.
+std::vector<int64_t> LongFirst(size_t longs, size_t others) {
+  const size_t count = longs + others, parts = std::min(static_cast<size_t>(ThreadCount()), count);
+  std::vector<int64_t> items;
+  int64_t next_long = 0, next_other = 0;
+  for (size_t part = 1; part <= parts; ++part) {
+    while (static_cast<size_t>(next_long) < part * longs / parts) items.push_back(-1 - next_long++);
+    while (items.size() < part * count / parts) items.push_back(next_other++);
+  }
+  return items;
+}
+
 double Seconds(const Clock* clock) { return clock ? 1e-6 * static_cast<double>(clock->MonotonicUs()) : 0; }
 
 }  // namespace
@@ -156,46 +169,48 @@ double PhotoTerm::OpenBytes(size_t view) const {
   return (read + kTarget) * pixels(target_rects_[view]) + (IsNarrow(view) ? read * pixels(reference_rects_[view]) : 0);
 }
 
-void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const FaceBits* own, const MapVisitor& visit) {
-  std::vector<size_t> open = schedule_.Open(step, ThreadCount(), [&](size_t view) { return OpenBytes(view); });
-  std::erase_if(open, [&](size_t view) { return target_rects_[view].empty(); });
-  if (open.empty()) return;
-  std::vector<CameraWindow> windows;
-  std::vector<MeshPart> parts;
-  std::vector<FaceSelection> selections;
-  drawn_.resize(std::max(drawn_.size(), open.size()));
-  for (const size_t view : open) {
-    windows.push_back({views_[view].camera, target_rects_[view]});
-    parts.push_back(parts_[view]);
-    if (groups_ != nullptr) selections.push_back(SelectionOf(*groups_, selected_[view]));
+void PhotoTerm::BeginOpening(const Arguments& arguments, size_t step) {
+  opening_ = schedule_.Open(step, arguments.work, [&](size_t view) { return OpenBytes(view); });
+  std::erase_if(opening_, [&](size_t view) { return target_rects_[view].empty(); });
+  drawn_.resize(std::max(drawn_.size(), opening_.size()));
+  for (const size_t view : opening_) {
     const PixelRect& reference = reference_rects_[view];
     Buffers buffers = TakeBuffers(static_cast<size_t>(reference.width()) * reference.height());
     maps_[view] = std::move(buffers.map);
-    if (!IsNarrow(view)) std::swap(maps_[view], drawn_[windows.size() - 1]);  // drawn where it stays
     targets_[view] = std::move(buffers.target);
     if (views_[view].stored) views_[view].texels = std::move(buffers.target_texels);
     references_[view].texels = std::move(buffers.reference_texels);
   }
-  rasterizer_.DrawParts(mesh, parts, windows, &drawn_, kNearPlane_m, selections);
-  ParallelForEach(open.size(), 1, [&](int64_t i) {
-    const size_t view = open[i];
-    if (views_[view].stored) {
-      views_[view].stored->LoadWindow(target_rects_[view], &views_[view].texels);
-      // The target's window contains the reference's.
-      const PixelRect& narrow = reference_rects_[view];
-      if (IsNarrow(view)) {
-        views_[view].texels.CropTo(narrow.x0, narrow.y0, narrow.width(), narrow.height(), &references_[view].texels);
-      }
+}
+
+void PhotoTerm::OpenView(const Arguments& arguments, size_t i, int threads) {
+  const size_t v = opening_[i];
+  PhotoView& view = views_[v];
+  FaceMap& map = maps_[v];
+  FaceMap& drawn = IsNarrow(v) ? drawn_[i] : map;
+  const FaceSelection selection = groups_ != nullptr ? SelectionOf(*groups_, selected_[v]) : FaceSelection();
+  rasterizer_.DrawPart(arguments.mesh, parts_[v], {view.camera, target_rects_[v]}, &drawn, kNearPlane_m, selection,
+                       threads);
+  if (view.stored) view.stored->LoadWindow(target_rects_[v], &view.texels);
+  SetWarpTarget(view.texels, drawn, view.depths, &targets_[v]);
+  if (IsNarrow(v)) {  // the target's window contains the reference's
+    const PixelRect& narrow = reference_rects_[v];
+    if (view.stored) {
+      view.texels.CropTo(narrow.x0, narrow.y0, narrow.width(), narrow.height(), &references_[v].texels);
     }
-    SetWarpTarget(views_[view].texels, drawn_[i], views_[view].depths, &targets_[view]);
-    if (IsNarrow(view)) {
-      CropFaceMap(drawn_[i], reference_rects_[view], &maps_[view]);
-    } else {
-      std::swap(drawn_[i], maps_[view]);
-    }
-    if (visit) visit(view, ReferenceOf(view), maps_[view]);
-    if (own != nullptr) KeepNearOwn(*own, 2 * options_.window.radius, &maps_[view]);
-  });
+    CropFaceMap(drawn, narrow, &map);
+  }
+  if (arguments.visit) arguments.visit(v, ReferenceOf(v), map);
+  if (!arguments.own.empty()) KeepNearOwn(arguments.own_bits, 2 * options_.window.radius, &map);
+}
+
+void PhotoTerm::OpenViews(const Arguments& arguments, size_t first) {
+  const size_t most = rasterizer_.MostAtOnce(arguments.mesh);
+  for (; first < opening_.size(); first += most) {
+    const size_t count = std::min(most, opening_.size() - first);
+    const int threads_each = ThreadCount() / static_cast<int>(count);
+    ParallelForEach(count, 1, [&](size_t i) { OpenView(arguments, first + i, threads_each); });
+  }
 }
 
 void PhotoTerm::Close(size_t step) {
@@ -236,8 +251,8 @@ int PhotoTerm::StripsOf(size_t view) const {
   return (reference_rects_[view].height() + kStripRows - 1) / kStripRows;
 }
 
-void PhotoTerm::BeginBatch(size_t step, size_t end, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
-                           PhotoSums* out) {
+void PhotoTerm::BeginBatch(const Arguments& arguments, size_t step, size_t end) {
+  const TriangleMesh& mesh = arguments.mesh;
   std::vector<size_t> views;
   for (size_t view = step; view < end; ++view) {
     if (StripsOf(view) > 0) views.push_back(view);
@@ -260,8 +275,9 @@ void PhotoTerm::BeginBatch(size_t step, size_t end, const TriangleMesh& mesh, co
       if (target_rects_[j].empty()) continue;
       reference.warps.push_back(MakeZnccPair(from, views_[j].camera, targets_[j], options_.occlusion_px));
     }
-    reference.gatherer.Begin(mesh, own_parts_.empty() ? parts_[view] : own_parts_[view], from.camera, maps_[view], own,
-                             reference.strips, i == 0 ? StripSums::kAtOnce : StripSums::kWait, &out->faces);
+    reference.gatherer.Begin(mesh, own_parts_.empty() ? parts_[view] : own_parts_[view], from.camera, maps_[view],
+                             arguments.own, reference.strips, i == 0 ? StripSums::kAtOnce : StripSums::kWait,
+                             &arguments.out->faces);
   });
 }
 
@@ -291,7 +307,7 @@ ZnccSums PhotoTerm::EvaluateStrip(Reference& reference, int s, const std::vector
   return sums;
 }
 
-void PhotoTerm::EvaluateBatch(const std::vector<uint8_t>& own, PhotoSums* out) {
+void PhotoTerm::EvaluateBatch(const Arguments& arguments, size_t opened) {
   struct Strip {
     Reference* reference;
     int strip;
@@ -301,11 +317,31 @@ void PhotoTerm::EvaluateBatch(const std::vector<uint8_t>& own, PhotoSums* out) {
   for (Reference& reference : batch_) {
     for (int s = 0; s < reference.strips; ++s) strips.push_back({&reference, s, {}});
   }
-  ParallelForEach(strips.size(), 1, [&](size_t i) {
-    std::unique_ptr<Workspace> work = TakeWorkspace();
-    strips[i].sums = EvaluateStrip(*strips[i].reference, strips[i].strip, own, work.get());
-    ReturnWorkspace(std::move(work));
+  const std::vector<int64_t> items = LongFirst(opened, strips.size());
+  const size_t count = items.size();
+  const int threads_each = ThreadCount() / static_cast<int>(std::max<size_t>(1, count));
+  std::vector<double> seconds(count);
+  const double start_s = Seconds(arguments.clock);
+  ParallelForEach(count, 1, [&](size_t i) {
+    const double begin_s = Seconds(arguments.clock);
+    if (items[i] < 0) {
+      OpenView(arguments, static_cast<size_t>(-1 - items[i]), threads_each);
+    } else {
+      Strip& strip = strips[static_cast<size_t>(items[i])];
+      std::unique_ptr<Workspace> work = TakeWorkspace();
+      strip.sums = EvaluateStrip(*strip.reference, strip.strip, arguments.own, work.get());
+      ReturnWorkspace(std::move(work));
+    }
+    seconds[i] = Seconds(arguments.clock) - begin_s;
   });
+  const double loop_s = Seconds(arguments.clock) - start_s;
+  double all_s = 0, opening_s = 0;
+  for (size_t i = 0; i < count; ++i) {
+    all_s += seconds[i];
+    if (items[i] < 0) opening_s += seconds[i];
+  }
+  PhotoSums* const out = arguments.out;
+  if (all_s > 0) out->seconds_visibility += loop_s * opening_s / all_s;
   for (const Strip& strip : strips) out->sums.Add(strip.sums);
   ParallelForEach(batch_.size(), 1, [&](size_t i) { batch_[i].gatherer.JoinStrips(); });
   for (Reference& reference : batch_) {
@@ -318,8 +354,7 @@ void PhotoTerm::EvaluateBatch(const std::vector<uint8_t>& own, PhotoSums* out) {
 void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                          const MeshCells* cells, const Clock* clock, PhotoSums* out, const MapVisitor& visit) {
   const double start_s = Seconds(clock);
-  out->seconds_visibility = 0;
-  schedule_ = ViewSchedule(pairs, views_.size(), static_cast<double>(LookaheadLimit_bytes()));
+  schedule_ = ViewSchedule(pairs, views_.size(), static_cast<double>(LookaheadLimit_bytes(ThreadCount())));
   FindWork(pairs, mesh, own, cells);
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());
@@ -331,16 +366,24 @@ void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh&
   });
   out->sums = ZnccSums();
   out->warped_pixels = 0;
-  const FaceBits own_bits(own);
-  const double bytes_each = FaceGatherer::Bytes(mesh) + sizeof(float) * static_cast<double>(mesh.faces.size());
+  const ReferenceWork work = {ThreadCount(), [&](size_t view) { return StripsOf(view); },
+                              FaceGatherer::Bytes(mesh) + sizeof(float) * static_cast<double>(mesh.faces.size())};
+  const Arguments arguments = {mesh, own, FaceBits(own), work, clock, visit, out};
+  const double open_s = Seconds(clock);
+  BeginOpening(arguments, 0);
+  OpenViews(arguments, 0);
+  out->seconds_visibility = Seconds(clock) - open_s;
   for (size_t step = 0; step < views_.size();) {
-    const double open_s = Seconds(clock);
-    Open(step, mesh, own.empty() ? nullptr : &own_bits, visit);
-    out->seconds_visibility += Seconds(clock) - open_s;
-    const size_t end = schedule_.EndOfBatch(step, ThreadCount(), [&](size_t v) { return StripsOf(v); }, bytes_each);
-    BeginBatch(step, end, mesh, own, out);
-    EvaluateBatch(own, out);
+    const size_t end = schedule_.EndOfBatch(step, work);
+    BeginBatch(arguments, step, end);
+    opening_.clear();
+    if (end < views_.size()) BeginOpening(arguments, end);
+    const size_t opened = std::min(opening_.size(), rasterizer_.MostAtOnce(mesh));
+    EvaluateBatch(arguments, opened);
     for (; step < end; ++step) Close(step);
+    const double rest_s = Seconds(clock);
+    OpenViews(arguments, opened);
+    out->seconds_visibility += Seconds(clock) - rest_s;
   }
   out->seconds_photo = Seconds(clock) - start_s - out->seconds_visibility;
 }

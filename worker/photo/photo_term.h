@@ -65,6 +65,7 @@ struct PhotoSums {
   ZnccSums sums;                // over windows and pixels
   std::vector<FaceSums> faces;  // derivatives of energy + λ1 semantic_energy; undefined for faces that are not own
   int64_t warped_pixels = 0;
+  // Visibility: opening views; of a loop that also evaluates references, a share by the time of its items.
   double seconds_visibility = 0, seconds_photo = 0;
 };
 
@@ -94,8 +95,9 @@ class PhotoTerm {
   // belongs to windows up to `radius` away, which contain pixels up to `radius` further.)
   // `cells`, `clock` and `visit` may be null. With `cells`, group i of `groups` must be cell i, and invisible cells are
   // not drawn (FindVisibleCells). A view is drawn when the first pair needs it and freed after the last one, so memory
-  // is bounded by the views open at the same time: views of a pair should be close in the list. With many threads, up
-  // to LookaheadLimit_bytes of later views are open, and as much is used to evaluate several references together.
+  // is bounded by the views open at the same time: views of a pair should be close in the list. While references are
+  // evaluated, the views of the next ones are opened. For many threads that are several references: up to
+  // LookaheadLimit_bytes of their views are open, and as much is used to evaluate several together.
   void Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh& mesh, const std::vector<uint8_t>& own,
                 const MeshCells* cells, const Clock* clock, PhotoSums* out, const MapVisitor& visit = nullptr);
 
@@ -117,6 +119,16 @@ class PhotoTerm {
     std::vector<ZnccPair> warps;
     FaceGatherer gatherer;
   };
+  // Of Evaluate.
+  struct Arguments {
+    const TriangleMesh& mesh;
+    const std::vector<uint8_t>& own;
+    const FaceBits own_bits;
+    const ReferenceWork& work;
+    const Clock* clock;
+    const MapVisitor& visit;
+    PhotoSums* out;
+  };
   // Buffers of an open view, reused by later ones.
   struct Buffers {
     FaceMap map;
@@ -133,16 +145,21 @@ class PhotoTerm {
                 const MeshCells* cells);
   // Memory of a view while it is open.
   double OpenBytes(size_t view) const;
-  // Opens the views that reference `step` needs, if they are not open, and then some later ones (ViewSchedule).
-  // `own`: null: all.
-  void Open(size_t step, const TriangleMesh& mesh, const FaceBits* own, const MapVisitor& visit);
+  // Sets `opening_` to the views that reference `step` and some later ones need (ViewSchedule), and takes buffers for
+  // them.
+  void BeginOpening(const Arguments& arguments, size_t step);
+  // Opens a view of `opening_`, on `threads` threads. Thread-safe for different views.
+  void OpenView(const Arguments& arguments, size_t i, int threads);
+  // Opens the views of `opening_` from `first` on.
+  void OpenViews(const Arguments& arguments, size_t first);
   void Close(size_t step);
   // Strips of a view as a reference; 0: it has no pairs or no pixels.
   int StripsOf(size_t view) const;
   // Sets `batch_` up for references [step, end), which are evaluated together.
-  void BeginBatch(size_t step, size_t end, const TriangleMesh& mesh, const std::vector<uint8_t>& own, PhotoSums* out);
-  // Evaluates `batch_`. The sums of a face are added in the order of the references.
-  void EvaluateBatch(const std::vector<uint8_t>& own, PhotoSums* out);
+  void BeginBatch(const Arguments& arguments, size_t step, size_t end);
+  // Evaluates `batch_`, and opens the first `opened` views of `opening_` meanwhile. The sums of a face are added in the
+  // order of the references.
+  void EvaluateBatch(const Arguments& arguments, size_t opened);
   // A strip of a reference of `batch_`.
   ZnccSums EvaluateStrip(Reference& reference, int strip, const std::vector<uint8_t>& own, Workspace* work) const;
 
@@ -159,7 +176,8 @@ class PhotoTerm {
   MeshPart all_parts_;
   std::vector<PixelRect> target_rects_, reference_rects_;
   std::vector<PhotoView> references_;         // of narrow views while open
-  std::vector<FaceMap> drawn_;                // of narrow views being opened
+  std::vector<size_t> opening_;               // views being opened
+  std::vector<FaceMap> drawn_;                // of narrow views of `opening_`
   std::vector<FaceMap> maps_;                 // per view while open, as references
   std::vector<WarpTarget> targets_;
   std::vector<Buffers> spare_;

@@ -6,7 +6,6 @@
 namespace tessera {
 namespace {
 
-constexpr int kViewsPerThread = 2;   // that are opened together
 constexpr int kStripsPerThread = 4;  // that are evaluated together: they take unequal times
 
 }  // namespace
@@ -32,34 +31,35 @@ ViewSchedule::ViewSchedule(const std::vector<ViewPair>& pairs, size_t views, dou
   for (size_t v = 0; v < views; ++v) closing_[last_step[v]].push_back(v);
 }
 
-std::vector<size_t> ViewSchedule::Open(size_t step, int threads, const std::function<double(size_t)>& bytes) {
+std::vector<size_t> ViewSchedule::Open(size_t step, const ReferenceWork& work,
+                                       const std::function<double(size_t)>& bytes) {
+  const size_t end = EndOfBatch(step, work, opening_.size());
   std::vector<size_t> open;
-  if (opened_ == opening_.size() || first_step_[opening_[opened_]] > step) return open;
-  const size_t most = static_cast<size_t>(kViewsPerThread) * static_cast<size_t>(threads);
   double ahead_bytes = 0;
-  for (; opened_ < opening_.size(); ++opened_) {
+  for (; FirstNotOpen() < end; ++opened_) {
     const size_t view = opening_[opened_];
-    if (first_step_[view] > step) {
-      ahead_bytes += bytes(view);
-      if (open.size() >= most || ahead_bytes > ahead_bytes_) break;
-    }
+    if (first_step_[view] > step) ahead_bytes += bytes(view);
+    if (ahead_bytes > ahead_bytes_) break;
     open.push_back(view);
   }
   return open;
 }
 
-size_t ViewSchedule::EndOfBatch(size_t step, int threads, const std::function<int(size_t)>& strips,
-                                double bytes_each) const {
-  const int64_t enough = static_cast<int64_t>(kStripsPerThread) * threads;
-  int64_t together = strips(step);
-  double bytes = 0;
+size_t ViewSchedule::EndOfBatch(size_t step, const ReferenceWork& work, size_t limit) const {
+  int64_t strips = 0, references = 0;
+  const auto add = [&](size_t reference) {
+    const int more = work.strips(reference);
+    strips += more;
+    if (more > 0) ++references;
+  };
+  add(step);
   size_t end = step + 1;
-  for (; end < opening_.size() && together < enough; ++end) {
-    if (opened_ < opening_.size() && first_step_[opening_[opened_]] <= end) break;  // a view of it is not open
-    const int more = strips(end);
-    if (more > 0) bytes += bytes_each;
-    if (bytes > ahead_bytes_) break;
-    together += more;
+  for (; end < limit; ++end) {
+    // A reference for each thread but one: a thread opens a view of the next references in about the time that all
+    // strips of a reference take.
+    if (strips >= kStripsPerThread * work.threads && references >= work.threads - 1) break;
+    if (work.strips(end) > 0 && work.bytes_each * references > ahead_bytes_) break;
+    add(end);
   }
   return end;
 }

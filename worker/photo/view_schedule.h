@@ -12,6 +12,13 @@
 
 namespace tessera {
 
+// What the evaluation of references takes.
+struct ReferenceWork {
+  int threads = 1;                         // that they are divided among
+  std::function<int(size_t view)> strips;  // of a view as a reference; 0: it is none
+  double bytes_each = 0;                   // memory of a reference while it is evaluated
+};
+
 // Step i processes reference i. A view is open from the first step that reads it to the last.
 class ViewSchedule {
  public:
@@ -21,22 +28,26 @@ class ViewSchedule {
   // beside the first.
   ViewSchedule(const std::vector<ViewPair>& pairs, size_t views, double ahead_bytes);
 
-  // The views to open before reference `step`, in the order of first use: none if those that it needs are open; else
-  // these and some that later references need, so that two views per thread are opened together if `bytes` (of a view
-  // while it is open) permits.
-  std::vector<size_t> Open(size_t step, int threads, const std::function<double(size_t view)>& bytes);
+  // The views that reference `step` needs and that are not open, in the order of first use, and within the bound those
+  // of later references that would be evaluated together with it. They are open from now on. `bytes`: of a view while
+  // it is open.
+  std::vector<size_t> Open(size_t step, const ReferenceWork& work, const std::function<double(size_t view)>& bytes);
   // The views that reference `step` is the last to need.
   const std::vector<size_t>& Close(size_t step) const { return closing_[step]; }
 
   // References [step, the result) are to be evaluated together: the first, and later ones whose views are open, until
-  // there are a few strips for each thread. `strips`: of a view as a reference; 0: it is none. `bytes_each`: of a
-  // reference while it is evaluated.
-  size_t EndOfBatch(size_t step, int threads, const std::function<int(size_t view)>& strips, double bytes_each) const;
+  // all threads have work while the views of the next ones are opened.
+  size_t EndOfBatch(size_t step, const ReferenceWork& work) const { return EndOfBatch(step, work, FirstNotOpen()); }
 
   // Of this reference.
   std::span<const ViewPair> pairs(size_t reference) const { return pairs_[reference]; }
 
  private:
+  // The first reference that needs a view that is not open; or the number of views.
+  size_t FirstNotOpen() const { return opened_ < opening_.size() ? first_step_[opening_[opened_]] : opening_.size(); }
+  // At most `limit`.
+  size_t EndOfBatch(size_t step, const ReferenceWork& work, size_t limit) const;
+
   std::vector<std::span<const ViewPair>> pairs_;  // per reference
   std::vector<size_t> opening_;                   // views ordered by first step
   std::vector<size_t> first_step_;                // per view

@@ -5,6 +5,7 @@
 #include <mutex>
 #include <utility>
 
+#include "common/base/machine_limits.h"
 #include "common/base/parallel.h"
 #include "worker/visibility/raster_kernel.h"
 #include "worker/visibility/unbounded_face.h"
@@ -189,8 +190,7 @@ struct Rasterizer::Pool {
   }
 };
 
-Rasterizer::Rasterizer(int64_t most_bytes)
-    : most_bytes_(static_cast<size_t>(most_bytes)), pool_(std::make_unique<Pool>()) {}
+Rasterizer::Rasterizer(int64_t most_bytes) : most_bytes_(most_bytes), pool_(std::make_unique<Pool>()) {}
 Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
@@ -200,18 +200,27 @@ void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> p
                            std::span<const FaceSelection> selections) {
   maps->resize(std::max(maps->size(), windows.size()));
   const auto selection = [&](size_t view) { return selections.empty() ? FaceSelection() : selections[view]; };
-  const size_t bytes = sizeof(GridVertex) * std::max<size_t>(1, mesh.vertices.size());
-  const size_t together = std::min(windows.size(), std::max<size_t>(1, most_bytes_ / bytes));
+  const size_t together = std::min(windows.size(), MostAtOnce(mesh));
   for (size_t first = 0; first < windows.size(); first += together) {
     const size_t count = std::min(together, windows.size() - first);
     const int threads_each = ThreadCount() / static_cast<int>(count);
     ParallelForEach(count, 1, [&](size_t i) {
       const size_t view = first + i;
-      std::unique_ptr<Workspace> workspace = pool_->Take();
-      workspace->Draw(mesh, parts[view], windows[view], selection(view), near_m, threads_each, &(*maps)[view]);
-      pool_->Return(std::move(workspace));
+      DrawPart(mesh, parts[view], windows[view], &(*maps)[view], near_m, selection(view), threads_each);
     });
   }
+}
+
+void Rasterizer::DrawPart(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, FaceMap* map,
+                          double near_m, const FaceSelection& selection, int threads) {
+  std::unique_ptr<Workspace> workspace = pool_->Take();
+  workspace->Draw(mesh, part, window, selection, near_m, threads, map);
+  pool_->Return(std::move(workspace));
+}
+
+size_t Rasterizer::MostAtOnce(const TriangleMesh& mesh) const {
+  const auto most_bytes = static_cast<size_t>(most_bytes_ > 0 ? most_bytes_ : LookaheadLimit_bytes(ThreadCount()));
+  return std::max<size_t>(1, most_bytes / (sizeof(GridVertex) * std::max<size_t>(1, mesh.vertices.size())));
 }
 
 void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out) {

@@ -7,7 +7,6 @@
 #include <span>
 #include <vector>
 
-#include "common/base/machine_limits.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "worker/visibility/image_window.h"
@@ -32,7 +31,7 @@ struct FaceMap {
 void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out);
 
 // Renders meshes from the cameras of windows, sampled at pixel centres. Reuses its buffers (16 bytes per vertex and
-// window that is being drawn) and those of the maps. Not thread-safe: one call at a time.
+// window that is being drawn) and those of the maps. Not thread-safe but for DrawPart: one call at a time.
 // Visibility: both sides of faces are drawn. A pixel centre on an edge belongs to exactly one of the two faces that
 // share it. Of equally deep faces the one of lower index wins.
 // Precision: vertices are rounded to 2^-15 pixel in the image; depth is perspective-correct on the rounded face, to
@@ -41,8 +40,8 @@ void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out);
 // result does not depend on the number of threads.
 class Rasterizer {
  public:
-  // `most_bytes`: of projected vertices, but at least those of one window.
-  explicit Rasterizer(int64_t most_bytes = LookaheadLimit_bytes());
+  // `most_bytes`: of projected vertices, but at least those of one window; 0: LookaheadLimit_bytes.
+  explicit Rasterizer(int64_t most_bytes = 0);
   ~Rasterizer();
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
@@ -55,11 +54,18 @@ class Rasterizer {
                  std::vector<FaceMap>* maps, double near_m = kNearPlane_m,
                  std::span<const FaceSelection> selections = {});
 
+  // The same for one window, on the calling thread and those of the pool that are idle, together at most `threads`.
+  // Thread-safe: at most MostAtOnce calls at a time.
+  void DrawPart(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, FaceMap* map,
+                double near_m = kNearPlane_m, const FaceSelection& selection = FaceSelection(), int threads = 1);
+  // How many windows fit the bound; at least 1.
+  size_t MostAtOnce(const TriangleMesh& mesh) const;
+
  private:
   struct Workspace;
   struct Pool;
 
-  size_t most_bytes_;
+  int64_t most_bytes_;
   std::unique_ptr<Pool> pool_;
 };
 

@@ -118,10 +118,10 @@ TEST(ItemsAtOnceTest, AreOneAThreadWithinTheBatchsMemory) {
       const int items = ItemsAtOnce(bytes);
       EXPECT_GE(items, 1);
       EXPECT_LE(items, threads);
-      EXPECT_TRUE(items == 1 || items * bytes <= static_cast<double>(LookaheadLimit_bytes())) << items;
+      EXPECT_TRUE(items == 1 || items * bytes <= static_cast<double>(LookaheadLimit_bytes(threads))) << items;
     }
     EXPECT_EQ(ItemsAtOnce(1e9), 1);
-    EXPECT_EQ(ItemsAtOnce(1), std::min(ThreadCount(), 16));
+    EXPECT_EQ(ItemsAtOnce(1), std::min(ThreadCount(), 64));
   }
 }
 

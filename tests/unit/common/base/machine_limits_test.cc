@@ -84,12 +84,20 @@ TEST(MachineLimitsDeathTest, LookaheadIsASmallShareOfTheMemory) {
   testing::GTEST_FLAG(death_test_style) = "threadsafe";
   const auto lookahead_of = [](int64_t memory) {
     SetMemoryLimit(memory);
-    const int64_t first = LookaheadLimit_bytes();
+    const int64_t first = LookaheadLimit_bytes(2);
     SetMemoryLimit(0);
-    return LookaheadLimit_bytes() == first ? static_cast<int>(first >> 20) : 255;
+    return LookaheadLimit_bytes(64) == first ? static_cast<int>(first >> 20) : 255;
   };
   EXPECT_EXIT(std::exit(lookahead_of(int64_t{1} << 30)), testing::ExitedWithCode(32), "");
   EXPECT_EXIT(std::exit(lookahead_of(int64_t{2} << 30)), testing::ExitedWithCode(64), "");
+  const auto grows_with_threads = [] {
+    const int64_t share = MemoryLimit_bytes() / 32, mib = 1 << 20;
+    const auto is = [&](int threads, int64_t most_mib) {
+      return LookaheadLimit_bytes(threads) == std::min(share, most_mib * mib);
+    };
+    return is(1, 256) && is(16, 256) && is(20, 320) && is(64, 1024);
+  };
+  EXPECT_EXIT(std::exit(grows_with_threads() ? 7 : 1), testing::ExitedWithCode(7), "");
 }
 
 TEST(MachineLimits, AppliesResourceLimits) {

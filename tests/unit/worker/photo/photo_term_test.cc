@@ -4,14 +4,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 
+#include "common/base/machine_limits.h"
 #include "common/base/parallel.h"
 #include "tests/support/make_texels.h"
 #include "tests/support/relief_scene.h"
 #include "tests/unit/worker/photo/photo_oracle.h"
 #include "worker/refine/descent.h"
 #include "worker/refine/vertex_sums.h"
+#include "worker/visibility/rasterizer.h"
 
 namespace tessera {
 namespace {
@@ -272,8 +275,8 @@ TEST(PhotoTerm, CellsChangeNoSumOfOwnFaces) {
   EXPECT_GT(seen, 30);
 }
 
-// Many threads evaluate several references together, as far as their views are open.
-TEST(PhotoTerm, SumsOfManyReferencesAreIndependentOfThreads) {
+// Many threads evaluate several references together and open the views of the next ones meanwhile.
+void CheckSumsOfManyReferences() {
   Scene scene;
   for (int i = 0; i < 8; ++i) scene.views.push_back(scene.views[i % 4]);
   std::vector<ViewPair> pairs;
@@ -303,6 +306,20 @@ TEST(PhotoTerm, SumsOfManyReferencesAreIndependentOfThreads) {
       }
     }
   }
+}
+
+TEST(PhotoTerm, SumsOfManyReferencesAreIndependentOfThreads) { CheckSumsOfManyReferences(); }
+
+// In a process of its own, because the first call of LookaheadLimit_bytes decides.
+TEST(PhotoTermDeathTest, ViewsThatDoNotFitTheMemoryTogetherAreOpenedInTurn) {
+  testing::GTEST_FLAG(death_test_style) = "threadsafe";
+  const auto check = [] {
+    SetMemoryLimit(130'000);
+    EXPECT_EQ(Rasterizer().MostAtOnce(Scene().mesh), 1u);
+    CheckSumsOfManyReferences();
+    return testing::Test::HasFailure() ? 1 : 7;
+  };
+  EXPECT_EXIT(std::exit(check()), testing::ExitedWithCode(7), "");
 }
 
 // The sums of own faces equal those of all faces, also when only the part of the mesh that their windows can show is

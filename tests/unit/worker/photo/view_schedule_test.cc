@@ -29,14 +29,22 @@ constexpr double kAhead_bytes = 256 << 20;
 
 double Nothing(size_t) { return 0; }
 
+std::function<int(size_t)> Strips(int each) {
+  return [each](size_t) { return each; };
+}
+
 // Runs all steps. Checks that the views of all references that are evaluated are open, and open only once.
 void CheckAll(const std::vector<ViewPair>& pairs, size_t views, int threads, int strips_each, double view_bytes) {
   ViewSchedule schedule(pairs, views, kAhead_bytes);
+  const ReferenceWork work = {threads, Strips(strips_each), 1};
   std::vector<int> opened(views, 0), closed(views, 0);
   std::vector<size_t> references;
+  const auto open = [&](size_t step) {
+    for (const size_t view : schedule.Open(step, work, [&](size_t) { return view_bytes; })) ++opened[view];
+  };
+  open(0);
   for (size_t step = 0; step < views;) {
-    for (const size_t view : schedule.Open(step, threads, [&](size_t) { return view_bytes; })) ++opened[view];
-    const size_t end = schedule.EndOfBatch(step, threads, [&](size_t) { return strips_each; }, 1);
+    const size_t end = schedule.EndOfBatch(step, work);
     ASSERT_GT(end, step);
     for (size_t reference = step; reference < end; ++reference) {
       references.push_back(reference);
@@ -46,6 +54,7 @@ void CheckAll(const std::vector<ViewPair>& pairs, size_t views, int threads, int
         EXPECT_TRUE(opened[pair.other] == 1 && closed[pair.other] == 0) << reference << " needs " << pair.other;
       }
     }
+    if (end < views) open(end);  // while these references are evaluated
     for (; step < end; ++step) {
       for (const size_t view : schedule.Close(step)) ++closed[view];
     }
@@ -69,36 +78,42 @@ TEST(ViewScheduleTest, TheViewsOfReferencesAreOpen) {
   }
 }
 
-TEST(ViewScheduleTest, OpensTwoViewsForEachThreadTogether) {
+TEST(ViewScheduleTest, OpensTheViewsOfReferencesThatAreEvaluatedTogether) {
   const std::vector<ViewPair> pairs = Neighbours(30, 2);
+  const ReferenceWork work = {2, Strips(3), 1};  // 8 strips
   ViewSchedule schedule(pairs, 30, kAhead_bytes);
-  EXPECT_EQ(schedule.Open(0, 4, Nothing), Range(0, 8));
-  for (size_t step = 1; step < 6; ++step) EXPECT_EQ(schedule.Open(step, 4, Nothing), Range(0, 0)) << step;
-  EXPECT_EQ(schedule.Open(6, 4, Nothing), Range(8, 16));
+  EXPECT_EQ(schedule.Open(0, work, Nothing), Range(0, 5));
+  EXPECT_EQ(schedule.EndOfBatch(0, work), 3u);
+  EXPECT_EQ(schedule.Open(3, work, Nothing), Range(5, 8));
+  EXPECT_EQ(schedule.Open(5, {2, Strips(8), 1}, Nothing), Range(0, 0));
+  EXPECT_EQ(schedule.EndOfBatch(3, work), 6u);
 }
 
 TEST(ViewScheduleTest, ViewsThatAreNotNeededYetFitTheBound) {
   const std::vector<ViewPair> pairs = Neighbours(30, 2);
+  const ReferenceWork many = {64, Strips(1), 1};
   const auto a_third = [](size_t) { return kAhead_bytes / 3; };
   ViewSchedule schedule(pairs, 30, kAhead_bytes);
-  EXPECT_EQ(schedule.Open(0, 64, a_third), Range(0, 6));  // the first three are needed
-  EXPECT_EQ(schedule.Open(4, 64, a_third), Range(6, 10));
+  EXPECT_EQ(schedule.Open(0, many, a_third), Range(0, 6));  // the first three are needed
+  EXPECT_EQ(schedule.EndOfBatch(0, many), 4u);
+  EXPECT_EQ(schedule.Open(4, many, a_third), Range(6, 10));
   ViewSchedule large(pairs, 30, kAhead_bytes);
-  EXPECT_EQ(large.Open(0, 64, [](size_t) { return 2 * kAhead_bytes; }), Range(0, 3));
+  EXPECT_EQ(large.Open(0, many, [](size_t) { return 2 * kAhead_bytes; }), Range(0, 3));
 }
 
-TEST(ViewScheduleTest, AFewStripsForEachThreadAreEvaluatedTogether) {
+TEST(ViewScheduleTest, AFewStripsForEachThreadAndAReferenceForAllButOneAreEvaluatedTogether) {
   const std::vector<ViewPair> pairs = Neighbours(30, 2);
   ViewSchedule schedule(pairs, 30, kAhead_bytes);
-  schedule.Open(0, 100, Nothing);
-  const auto three = [](size_t) { return 3; };
-  EXPECT_EQ(schedule.EndOfBatch(0, 1, three, 1), 2u);  // 4 strips
-  EXPECT_EQ(schedule.EndOfBatch(5, 4, three, 1), 11u);  // 16 strips
-  EXPECT_EQ(schedule.EndOfBatch(5, 4, [](size_t) { return 16; }, 1), 6u);
-  EXPECT_EQ(schedule.EndOfBatch(20, 100, three, 1), 30u);
+  schedule.Open(0, {100, Strips(1), 1}, Nothing);
+  EXPECT_EQ(schedule.EndOfBatch(0, {1, Strips(3), 1}), 2u);   // 4 strips
+  EXPECT_EQ(schedule.EndOfBatch(5, {4, Strips(3), 1}), 11u);  // 16 strips
+  EXPECT_EQ(schedule.EndOfBatch(5, {2, Strips(99), 1}), 6u);
+  EXPECT_EQ(schedule.EndOfBatch(5, {4, Strips(99), 1}), 8u);
+  EXPECT_EQ(schedule.EndOfBatch(5, {16, Strips(99), 1}), 20u);
+  EXPECT_EQ(schedule.EndOfBatch(20, {100, Strips(3), 1}), 30u);
   // The first reference does not count.
-  EXPECT_EQ(schedule.EndOfBatch(5, 100, three, kAhead_bytes / 3), 9u);
-  EXPECT_EQ(schedule.EndOfBatch(5, 100, three, 2 * kAhead_bytes), 6u);
+  EXPECT_EQ(schedule.EndOfBatch(5, {100, Strips(3), kAhead_bytes / 3}), 9u);
+  EXPECT_EQ(schedule.EndOfBatch(5, {100, Strips(3), 2 * kAhead_bytes}), 6u);
 }
 
 }  // namespace
