@@ -87,7 +87,7 @@ struct RayCaster::Impl {
   }
 };
 
-RayCaster::RayCaster(const MeshSpans& mesh) : impl_(std::make_unique<Impl>()) {
+RayCaster::RayCaster(const MeshSpans& mesh, RayTree tree) : impl_(std::make_unique<Impl>()) {
   if (mesh.faces.empty() || mesh.vertices.empty()) return;
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& vertex : mesh.vertices) box.extend(vertex);
@@ -101,7 +101,10 @@ RayCaster::RayCaster(const MeshSpans& mesh) : impl_(std::make_unique<Impl>()) {
   RTCDevice device = impl_->device.get();
   impl_->scene.reset(rtcNewScene(device));
   rtcSetSceneFlags(impl_->scene.get(), RTC_SCENE_FLAG_ROBUST);
+  const RTCBuildQuality quality = tree == RayTree::kQuick ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
+  rtcSetSceneBuildQuality(impl_->scene.get(), quality);
   RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  rtcSetGeometryBuildQuality(geometry, quality);
   auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                                3 * sizeof(float), mesh.vertices.size()));
   auto* faces = static_cast<uint32_t*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,

@@ -15,11 +15,15 @@ struct RayHit {
   bool hit() const { return face >= 0; }
 };
 
+// How the tree of faces is built. kQuick takes a quarter of the time (.1 us a face instead of .45), and rays take up to
+// twice as long (1 us more): for meshes with many more faces than rays. Hits are the same, but for faces that tie.
+enum class RayTree { kThorough, kQuick };
+
 // Copies the mesh; vertices are stored as floats relative to the mesh's centre, so that meshes far from the origin keep
 // their precision. Const member functions are thread-safe.
 class RayCaster {
  public:
-  explicit RayCaster(const MeshSpans& mesh);
+  explicit RayCaster(const MeshSpans& mesh, RayTree tree = RayTree::kThorough);
   ~RayCaster();
   RayCaster(RayCaster&&) noexcept;
   RayCaster& operator=(RayCaster&&) noexcept;

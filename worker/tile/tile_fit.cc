@@ -24,6 +24,7 @@ using nlohmann::json;
 constexpr size_t kFitPoints = 3000, kFitPairs = 48, kFitPatches = 60;  // of a tile; of a pair
 constexpr int64_t kFitPixels = 12'000'000;                             // larger crops are compared on a coarser level
 constexpr int64_t kRowGrain = 64;
+constexpr size_t kFacesPerRay = 3;                                     // more are worth a quick tree
 constexpr double kFitAngle_cos = 0.2;                                  // between normal and ray: 78 degrees
 constexpr double kLeastWorseShare = 0.01;                              // of the patches
 constexpr double kChangedZncc = 0.05;                                  // smaller changes are noise
@@ -73,8 +74,8 @@ SurfacePoint PointOn(const std::vector<Triangle>& faces, const std::vector<Vecto
 // The surface at one time.
 class CoreSurface {
  public:
-  CoreSurface(const std::vector<Triangle>& faces, const std::vector<Vector3d>& positions)
-      : faces_(faces), positions_(positions), caster_(SpansOf(faces, positions)) {}
+  CoreSurface(const std::vector<Triangle>& faces, const std::vector<Vector3d>& positions, RayTree tree)
+      : faces_(faces), positions_(positions), caster_(SpansOf(faces, positions), tree) {}
 
   SurfacePoint At(const FacePoint& point) const { return PointOn(faces_, positions_, point); }
   bool Sees(const PosedCamera& camera, const SurfacePoint& point) const {
@@ -170,25 +171,24 @@ bool FitChange::IsWorse() const {
 StatusOr<TileFit> CompareFit(const TileWorkspace& work, const TileImages& images,
                              const std::vector<Vector3d>& positions, const TaskControl& control) {
   const TilePackage& package = work.package();
-  std::vector<FacePoint> points;
+  const std::vector<FacePoint> points = CorePoints(work);
   std::vector<CorePair> pairs;
-  const auto find_points = [&] {
-    points = CorePoints(work);
-    for (const ViewPair& views : EvenlyPicked(images.pairs, kFitPairs)) {
-      CorePair& pair = pairs.emplace_back();
-      pair.views = views;
-      for (uint32_t i = 0; i < points.size(); ++i) {
-        const std::vector<uint8_t>& selected = images.groups.selected[images.groups.group_of_face[points[i].face]];
-        if (selected[views.reference] && selected[views.other]) pair.points.push_back(i);
-      }
+  size_t rays = 0;
+  for (const ViewPair& views : EvenlyPicked(images.pairs, kFitPairs)) {
+    CorePair& pair = pairs.emplace_back();
+    pair.views = views;
+    for (uint32_t i = 0; i < points.size(); ++i) {
+      const std::vector<uint8_t>& selected = images.groups.selected[images.groups.group_of_face[points[i].face]];
+      if (selected[views.reference] && selected[views.other]) pair.points.push_back(i);
     }
-  };
+    rays += 2 * pair.points.size();
+  }
   {
-    // Each surface's ray tree is built on one thread, so that hits do not depend on the threads: all at once.
+    // Each surface's ray tree is built on one thread, so that hits do not depend on the threads: both at once.
+    const RayTree tree = package.mesh.faces.size() > kFacesPerRay * rays ? RayTree::kQuick : RayTree::kThorough;
     std::array<std::unique_ptr<CoreSurface>, 2> surfaces;
-    ParallelForEach(surfaces.size() + 1, 1, [&](size_t i) {
-      if (i == surfaces.size()) return find_points();
-      surfaces[i] = std::make_unique<CoreSurface>(package.mesh.faces, i == 0 ? package.mesh.vertices : positions);
+    ParallelForEach(surfaces.size(), 1, [&](size_t i) {
+      surfaces[i] = std::make_unique<CoreSurface>(package.mesh.faces, i == 0 ? package.mesh.vertices : positions, tree);
     });
     for (const auto& surface : surfaces) {
       TESSERA_RETURN_IF_ERROR(control.Check());

@@ -45,11 +45,15 @@ RayHit BruteForce(const TriangleMesh& mesh, const Eigen::Vector3d& origin, const
   return best;
 }
 
+class RayTreeTest : public testing::TestWithParam<RayTree> {};
+
+INSTANTIATE_TEST_SUITE_P(All, RayTreeTest, testing::Values(RayTree::kThorough, RayTree::kQuick));
+
 // 5,000 km from the origin, cameras a kilometre away.
-TEST(RayCaster, MatchesBruteForceFarFromTheOrigin) {
+TEST_P(RayTreeTest, MatchesBruteForceFarFromTheOrigin) {
   const Eigen::Vector3d centre(3.9e6, 3.1e5, 5.0e6);
   const TriangleMesh mesh = Soup(300, centre, 7);
-  const RayCaster caster(mesh);
+  const RayCaster caster(mesh, GetParam());
   Random random(3);
   int hits = 0;
   for (int i = 0; i < 2000; ++i) {
@@ -109,7 +113,7 @@ TEST(RayCaster, EmptyMeshIsNeverHit) {
 }
 
 // Rays through the vertices of a grid, where several faces tie.
-TEST(RayCaster, TiesDoNotDependOnThreads) {
+TEST_P(RayTreeTest, TiesDoNotDependOnThreads) {
   TriangleMesh mesh;
   const int n = 100;
   for (int y = 0; y <= n; ++y)
@@ -122,7 +126,7 @@ TEST(RayCaster, TiesDoNotDependOnThreads) {
     }
   const auto faces = [&](int threads) {
     const ThreadLimit limit(threads);
-    const RayCaster caster(mesh);
+    const RayCaster caster(mesh, GetParam());
     std::vector<int64_t> found(mesh.vertices.size());
     ParallelFor(static_cast<int64_t>(found.size()), 64, [&](int64_t begin, int64_t end) {
       for (int64_t v = begin; v < end; ++v)
