@@ -253,14 +253,14 @@ StepDependencyRadius StepDependencyRadiusOf(int smoothing_sweeps, const MotionLi
 }
 
 std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo, const SmoothTerm& smooth,
-                                  const InterTerm& inter, const MotionGuard& guard, const StepOptions& options,
+                                  const InterTerm* inter, const MotionGuard& guard, const StepOptions& options,
                                   const std::vector<Vector3f>& last) {
   std::vector<Vector3d> rhs, step;
   smooth.Gradient(mesh.vertices, options.weights, &rhs);
   InterCurvature inter_curvature;
   if (options.inter > 0) {
-    inter.AddGradient(mesh.vertices, options.inter, photo.pairs, &rhs);
-    inter_curvature = inter.Curvature(mesh.vertices, options.inter, photo.pairs);
+    inter->AddGradient(mesh.vertices, options.inter, photo.pairs, &rhs);
+    inter_curvature = inter->Curvature(mesh.vertices, options.inter, photo.pairs);
   }
   ParallelForEach(rhs.size(), kGrain, [&](size_t v) { rhs[v] = -(rhs[v] + photo.gradient[v]); });
   smooth.SolveStep(photo.curvature, rhs, options.weights, options.smoothing_sweeps, &step,

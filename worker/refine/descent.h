@@ -140,12 +140,12 @@ StepDependencyRadius StepDependencyRadiusOf(int smoothing_sweeps, const MotionLi
 
 // The damped Gauss-Newton step of data and smoothness terms at `mesh`: solves (curvatures + A) step = -(gradients),
 // applies the acceleration with `last` (the previous iteration's step; empty: none), limits each vertex's length, and
-// applies `guard`. Boundaries of horizontal surfaces keep their position in plan. Zero at fixed vertices.
-// A vertex's step depends only on the rings given by StepDependencyRadiusOf, to the last bit. It depends on the order
-// of vertices and faces only through their relative order, so a submesh that keeps the order gives the same bytes as
-// the whole mesh.
+// applies `guard`. `inter`: may be null if its weight is 0. Boundaries of horizontal surfaces keep their position in
+// plan. Zero at fixed vertices. A vertex's step depends only on the rings given by StepDependencyRadiusOf, to the last
+// bit. It depends on the order of vertices and faces only through their relative order, so a submesh that keeps the
+// order gives the same bytes as the whole mesh.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
-                                         const SmoothTerm& smooth, const InterTerm& inter, const MotionGuard& guard,
+                                         const SmoothTerm& smooth, const InterTerm* inter, const MotionGuard& guard,
                                          const StepOptions& options, const std::vector<Eigen::Vector3f>& last = {});
 
 }  // namespace tessera

@@ -59,7 +59,9 @@ Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary
         smooth_.emplace(start_, UnionOfFlags(boundary, frozen),
                         Grown(active, start.faces, MotionGuard::kFoldingPasses));
       },
-      [&] { inter_.emplace(start_, UnionOfFlags(boundary, frozen)); },
+      [&] {
+        if (options.inter > 0) inter_.emplace(start_, UnionOfFlags(boundary, frozen));
+      },
       [&] { guard_.emplace(start_, boundary, MakeMotionLimits(options, gsd_m), frozen); }};
   ParallelForEach(std::size(parts), 1, [&](size_t i) { parts[i](); });
   SetLabels(start.labels);
@@ -67,7 +69,7 @@ Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary
 
 void Stepper::SetLabels(const std::vector<int32_t>& labels) {
   smooth_->SetLabels(labels, options_.classes, options_.mixed);
-  if (options_.inter > 0) inter_->SetLabels(labels);
+  if (inter_) inter_->SetLabels(labels);
 }
 
 std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
@@ -83,7 +85,7 @@ std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const Photo
   step.acceleration = options_.acceleration;
   step.half_effect_curvature = options_.half_effect_curvature * unit;
   smooth_->Reweight(mesh.vertices, options_.creases);
-  return ComputeStep(mesh, derivatives, *smooth_, *inter_, *guard_, step, last);
+  return ComputeStep(mesh, derivatives, *smooth_, inter_ ? &*inter_ : nullptr, *guard_, step, last);
 }
 
 SurfaceRepair::Result Stepper::Repair(const std::vector<Eigen::Vector3d>& good,

@@ -69,7 +69,7 @@ class Stepper {
   const double gsd_m_;
   const Eigen::Vector3d up_;
   const TriangleMesh start_;
-  // Always there; optional because they are created at the same time.
+  // Always there, but inter_ only if it has a weight; optional because they are created at the same time.
   std::optional<SmoothTerm> smooth_;
   std::optional<InterTerm> inter_;
   std::optional<MotionGuard> guard_;

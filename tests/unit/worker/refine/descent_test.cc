@@ -160,11 +160,11 @@ TEST(ComputeStep, MomentumActsOnlyWithDataEvidence) {
   options.weights = {1, 0.1, 0, 0};
   options.max_step_m = 1e3;
   options.min_turn_cosine = -1;  // no step is limited
-  const Positions plain = ComputeStep(mesh, data, smooth, inter, guard, options);
+  const Positions plain = ComputeStep(mesh, data, smooth, &inter, guard, options);
   options.acceleration = {1.5, 0.8};
   options.half_effect_curvature = 2;
-  const Positions with = ComputeStep(mesh, data, smooth, inter, guard, options, last);
-  const Positions first = ComputeStep(mesh, data, smooth, inter, guard, options);  // no previous step
+  const Positions with = ComputeStep(mesh, data, smooth, &inter, guard, options, last);
+  const Positions first = ComputeStep(mesh, data, smooth, &inter, guard, options);  // no previous step
   const double share = 3.0 / (3 + 2);                                              // the trace of the curvature
   int moving = 0;
   for (size_t v = 0; v < n; ++v) {

@@ -39,7 +39,7 @@ struct StepInput {
     smooth.Reweight(mesh.vertices, creases);
     InterTerm inter(from, fixed);
     inter.SetLabels(mesh.labels);
-    return ComputeStep(mesh, photo, smooth, inter, MotionGuard(from, fixed, limits), options, last);
+    return ComputeStep(mesh, photo, smooth, &inter, MotionGuard(from, fixed, limits), options, last);
   }
 };
 
