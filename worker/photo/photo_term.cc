@@ -169,8 +169,8 @@ double PhotoTerm::OpenBytes(size_t view) const {
   return (read + kTarget) * pixels(target_rects_[view]) + (IsNarrow(view) ? read * pixels(reference_rects_[view]) : 0);
 }
 
-void PhotoTerm::BeginOpening(const Arguments& arguments, size_t step) {
-  opening_ = schedule_.Open(step, arguments.work, [&](size_t view) { return OpenBytes(view); });
+void PhotoTerm::BeginOpening(std::vector<size_t> views) {
+  opening_ = std::move(views);
   std::erase_if(opening_, [&](size_t view) { return target_rects_[view].empty(); });
   drawn_.resize(std::max(drawn_.size(), opening_.size()));
   for (const size_t view : opening_) {
@@ -368,16 +368,17 @@ void PhotoTerm::Evaluate(const std::vector<ViewPair>& pairs, const TriangleMesh&
   out->warped_pixels = 0;
   const ReferenceWork work = {ThreadCount(), [&](size_t view) { return StripsOf(view); },
                               FaceGatherer::Bytes(mesh) + sizeof(float) * static_cast<double>(mesh.faces.size())};
-  const Arguments arguments = {mesh, own, FaceBits(own), work, clock, visit, out};
-  const double open_s = Seconds(clock);
-  BeginOpening(arguments, 0);
-  OpenViews(arguments, 0);
-  out->seconds_visibility = Seconds(clock) - open_s;
+  const auto bytes = [&](size_t view) { return OpenBytes(view); };
+  const Arguments arguments = {mesh, own, FaceBits(own), clock, visit, out};
+  out->seconds_visibility = 0;
   for (size_t step = 0; step < views_.size();) {
+    const double open_s = Seconds(clock);
+    BeginOpening(schedule_.Open(step, work, bytes));
+    OpenViews(arguments, 0);
+    out->seconds_visibility += Seconds(clock) - open_s;
     const size_t end = schedule_.EndOfBatch(step, work);
     BeginBatch(arguments, step, end);
-    opening_.clear();
-    if (end < views_.size()) BeginOpening(arguments, end);
+    BeginOpening(end < views_.size() ? schedule_.OpenAhead(end, work, bytes) : std::vector<size_t>());
     const size_t opened = std::min(opening_.size(), rasterizer_.MostAtOnce(mesh));
     EvaluateBatch(arguments, opened);
     for (; step < end; ++step) Close(step);

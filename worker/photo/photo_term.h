@@ -124,7 +124,6 @@ class PhotoTerm {
     const TriangleMesh& mesh;
     const std::vector<uint8_t>& own;
     const FaceBits own_bits;
-    const ReferenceWork& work;
     const Clock* clock;
     const MapVisitor& visit;
     PhotoSums* out;
@@ -145,9 +144,8 @@ class PhotoTerm {
                 const MeshCells* cells);
   // Memory of a view while it is open.
   double OpenBytes(size_t view) const;
-  // Sets `opening_` to the views that reference `step` and some later ones need (ViewSchedule), and takes buffers for
-  // them.
-  void BeginOpening(const Arguments& arguments, size_t step);
+  // Sets `opening_` to those of these views that are read, and takes buffers for them.
+  void BeginOpening(std::vector<size_t> views);
   // Opens a view of `opening_`, on `threads` threads. Thread-safe for different views.
   void OpenView(const Arguments& arguments, size_t i, int threads);
   // Opens the views of `opening_` from `first` on.

@@ -31,14 +31,17 @@ ViewSchedule::ViewSchedule(const std::vector<ViewPair>& pairs, size_t views, dou
   for (size_t v = 0; v < views; ++v) closing_[last_step[v]].push_back(v);
 }
 
-std::vector<size_t> ViewSchedule::Open(size_t step, const ReferenceWork& work,
-                                       const std::function<double(size_t)>& bytes) {
+std::vector<size_t> ViewSchedule::OpenWithin(size_t step, size_t bounded, const ReferenceWork& work,
+                                             const std::function<double(size_t)>& bytes) {
   const size_t end = EndOfBatch(step, work, opening_.size());
   std::vector<size_t> open;
   double ahead_bytes = 0;
+  for (size_t i = opened_; i > 0 && first_step_[opening_[i - 1]] >= std::max(step, bounded); --i) {
+    ahead_bytes += bytes(opening_[i - 1]);  // open already, but not needed yet
+  }
   for (; FirstNotOpen() < end; ++opened_) {
     const size_t view = opening_[opened_];
-    if (first_step_[view] > step) ahead_bytes += bytes(view);
+    if (first_step_[view] >= bounded) ahead_bytes += bytes(view);
     if (ahead_bytes > ahead_bytes_) break;
     open.push_back(view);
   }

@@ -28,10 +28,18 @@ class ViewSchedule {
   // beside the first.
   ViewSchedule(const std::vector<ViewPair>& pairs, size_t views, double ahead_bytes);
 
-  // The views that reference `step` needs and that are not open, in the order of first use, and within the bound those
-  // of later references that would be evaluated together with it. They are open from now on. `bytes`: of a view while
-  // it is open.
-  std::vector<size_t> Open(size_t step, const ReferenceWork& work, const std::function<double(size_t view)>& bytes);
+  // The views to open before reference `step`, in the order of first use: none if those that it needs are open; else
+  // these, and within the bound those of later references that would be evaluated together with it. They are open from
+  // now on. `bytes`: of a view while it is open.
+  std::vector<size_t> Open(size_t step, const ReferenceWork& work, const std::function<double(size_t view)>& bytes) {
+    return FirstNotOpen() > step ? std::vector<size_t>() : OpenWithin(step, step + 1, work, bytes);
+  }
+  // The views to open while references before `step` are evaluated: those of `step` and of the references that would be
+  // evaluated together with it, all of them within the bound. The next call is Open(step, ...).
+  std::vector<size_t> OpenAhead(size_t step, const ReferenceWork& work,
+                                const std::function<double(size_t view)>& bytes) {
+    return OpenWithin(step, 0, work, bytes);
+  }
   // The views that reference `step` is the last to need.
   const std::vector<size_t>& Close(size_t step) const { return closing_[step]; }
 
@@ -45,6 +53,9 @@ class ViewSchedule {
  private:
   // The first reference that needs a view that is not open; or the number of views.
   size_t FirstNotOpen() const { return opened_ < opening_.size() ? first_step_[opening_[opened_]] : opening_.size(); }
+  // The bound is for the views that no reference before `bounded` needs.
+  std::vector<size_t> OpenWithin(size_t step, size_t bounded, const ReferenceWork& work,
+                                 const std::function<double(size_t view)>& bytes);
   // At most `limit`.
   size_t EndOfBatch(size_t step, const ReferenceWork& work, size_t limit) const;
 

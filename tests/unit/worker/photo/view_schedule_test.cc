@@ -39,11 +39,14 @@ void CheckAll(const std::vector<ViewPair>& pairs, size_t views, int threads, int
   const ReferenceWork work = {threads, Strips(strips_each), 1};
   std::vector<int> opened(views, 0), closed(views, 0);
   std::vector<size_t> references;
-  const auto open = [&](size_t step) {
-    for (const size_t view : schedule.Open(step, work, [&](size_t) { return view_bytes; })) ++opened[view];
-  };
-  open(0);
+  std::vector<size_t> first_use = Range(0, views);
+  for (const ViewPair& pair : pairs) {
+    size_t& first = first_use[static_cast<size_t>(pair.other)];
+    first = std::min(first, static_cast<size_t>(pair.reference));
+  }
+  const auto bytes = [&](size_t) { return view_bytes; };
   for (size_t step = 0; step < views;) {
+    for (const size_t view : schedule.Open(step, work, bytes)) ++opened[view];
     const size_t end = schedule.EndOfBatch(step, work);
     ASSERT_GT(end, step);
     for (size_t reference = step; reference < end; ++reference) {
@@ -54,7 +57,12 @@ void CheckAll(const std::vector<ViewPair>& pairs, size_t views, int threads, int
         EXPECT_TRUE(opened[pair.other] == 1 && closed[pair.other] == 0) << reference << " needs " << pair.other;
       }
     }
-    if (end < views) open(end);  // while these references are evaluated
+    if (end < views) {  // while these references are evaluated
+      for (const size_t view : schedule.OpenAhead(end, work, bytes)) ++opened[view];
+    }
+    double ahead = 0;
+    for (size_t view = 0; view < views; ++view) ahead += opened[view] == 1 && first_use[view] >= end ? view_bytes : 0;
+    EXPECT_LE(ahead, kAhead_bytes) << step;
     for (; step < end; ++step) {
       for (const size_t view : schedule.Close(step)) ++closed[view];
     }
@@ -84,7 +92,8 @@ TEST(ViewScheduleTest, OpensTheViewsOfReferencesThatAreEvaluatedTogether) {
   ViewSchedule schedule(pairs, 30, kAhead_bytes);
   EXPECT_EQ(schedule.Open(0, work, Nothing), Range(0, 5));
   EXPECT_EQ(schedule.EndOfBatch(0, work), 3u);
-  EXPECT_EQ(schedule.Open(3, work, Nothing), Range(5, 8));
+  EXPECT_EQ(schedule.OpenAhead(3, work, Nothing), Range(5, 8));
+  EXPECT_EQ(schedule.Open(3, work, Nothing), Range(0, 0));
   EXPECT_EQ(schedule.Open(5, {2, Strips(8), 1}, Nothing), Range(0, 0));
   EXPECT_EQ(schedule.EndOfBatch(3, work), 6u);
 }
