@@ -37,18 +37,33 @@ PixelRect SampledPart(const PixelRect& window, const PixelMapping& mapping, int 
 // `likelihoods`: one plane per class, sampled bilinearly, border values repeated. Not thread-safe on the same `sums`.
 void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
                     FaceLikelihoods* sums);
-// One of several disjoint sets of faces, for loops that add the sets on several threads.
-struct FaceShare {
-  int index = 0, count = 1;
-  bool has(int32_t face) const { return (face >> kBlockBits) % count == index; }
+// Divides the faces that a view shows into disjoint sets, for loops that add the sets on several threads.
+class FaceShares {
+ public:
+  static constexpr int kMost = 64;
+
+  FaceShares() = default;
+  // `own`: flags of the faces to add; empty: all. `count`: of the sets, a power of two up to kMost.
+  FaceShares(const FaceMap& map, const std::vector<uint8_t>& own, int count);
+
+  int Of(int32_t face) const { return (face >> kBlockBits) & (count_ - 1); }
+
+  // Whether a pixel of `run`, kRun pixels of row y that begin at column run * kRun, shows a face of `share`.
+  bool InRun(int share, int y, int run) const {
+    return count_ == 1 || runs_[static_cast<size_t>(y) * runs_of_row_ + run] >> share & 1;
+  }
+  static constexpr int kRun = 64;
 
  private:
   static constexpr int kBlockBits = 10;  // neighbours share cache lines
+  int count_ = 1, runs_of_row_ = 0;
+  std::vector<uint64_t> runs_;  // a bit for each share
 };
 
 // The same, equal bit for bit to that of the likelihoods as floats, for the faces of `share` with a flag in `own`
-// (empty: all).
+// (empty: all). `shares`: of this map and `own`.
 void AddLikelihoods(const FaceMap& map, const LikelihoodSteps& likelihoods, const PixelMapping& mapping,
-                    const std::vector<uint8_t>& own, FaceLikelihoods* sums, const FaceShare& share = {});
+                    const std::vector<uint8_t>& own, FaceLikelihoods* sums, const FaceShares& shares = {},
+                    int share = 0);
 
 }  // namespace tessera

@@ -1,6 +1,7 @@
 #include "worker/tile/measure_tile.h"
 
 #include <algorithm>
+#include <bit>
 #include <span>
 
 #include "common/base/elapsed.h"
@@ -13,7 +14,7 @@ namespace tessera {
 namespace {
 
 constexpr double kMapBytes = 10;  // per pixel: face map, luminance
-constexpr int kMostShares = 16;   // each reads all face maps
+constexpr int kSharesOfThread = 4;  // of the faces that views add likelihoods to
 constexpr int64_t kVertexGrain = 1 << 14;
 constexpr int kBandRows = 64;  // that are read at once, in the width of the crop
 
@@ -103,39 +104,35 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
     seen.push_back(v);
     largest_bytes = std::max(largest_bytes, (kMapBytes + sums.classes) * window.width() * window.height());
   }
-  const auto at_once = static_cast<size_t>(ItemsAtOnce(largest_bytes));
   Rasterizer rasterizer;
-  std::vector<FaceMap> maps;
-  std::vector<LikelihoodWindow> likelihoods(std::min(at_once, seen.size()));
+  const size_t at_once = std::min(static_cast<size_t>(ItemsAtOnce(largest_bytes)), rasterizer.MostAtOnce(mesh));
+  std::vector<FaceMap> maps(std::min(at_once, seen.size()));
+  std::vector<LikelihoodWindow> likelihoods(maps.size());
+  std::vector<FaceShares> shares(maps.size());
+  const int share_count =
+      std::min<int>(std::bit_ceil(kSharesOfThread * static_cast<unsigned>(ThreadCount())), FaceShares::kMost);
   for (size_t first = 0; first < seen.size(); first += at_once) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(first) / static_cast<double>(seen.size()), "collecting likelihoods");
     const std::span<const size_t> batch = std::span(seen).subspan(first, std::min(at_once, seen.size() - first));
-    std::vector<MeshPart> parts;
-    std::vector<CameraWindow> windows;
-    std::vector<std::vector<uint8_t>> selected;  // groups, per view
-    std::vector<FaceSelection> selections;
-    for (const size_t v : batch) {
-      selected.push_back(groups.SelectedIn(v));
-      selections.push_back(SelectionOf(groups, selected.back()));
-      parts.push_back(boxes.PartOf(visible.cells[v]));
-      windows.emplace_back(views[v].camera, visible.windows[v]);
-    }
-    rasterizer.DrawParts(mesh, parts, windows, &maps, kNearPlane_m, selections);
+    const int threads_each = ThreadCount() / static_cast<int>(batch.size());
     std::vector<Status> read(batch.size());
     ParallelForEach(batch.size(), 1, [&](size_t i) {
       const size_t v = batch[i];
       const StatusOr<StoredTexels> level = views[v].pixels->Level(0);
       read[i] = level.status();
       if (!level.ok()) return;
+      const std::vector<uint8_t> selected = groups.SelectedIn(v);
+      rasterizer.DrawPart(mesh, boxes.PartOf(visible.cells[v]), {views[v].camera, visible.windows[v]}, &maps[i],
+                          kNearPlane_m, SelectionOf(groups, selected), threads_each);
       if (package.views[views[v].index].masked) KeepLit(*level, &maps[i]);
       likelihoods[i].Load(*level, visible.windows[v]);
+      shares[i] = FaceShares(maps[i], own, share_count);
     });
     for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
-    const int shares = std::min(ThreadCount(), kMostShares);
-    ParallelForEach(shares, 1, [&](int share) {
+    ParallelForEach(share_count, 1, [&](int share) {
       for (size_t i = 0; i < batch.size(); ++i) {
-        AddLikelihoods(maps[i], likelihoods[i].steps, likelihoods[i].mapping, own, &sums, {share, shares});
+        AddLikelihoods(maps[i], likelihoods[i].steps, likelihoods[i].mapping, own, &sums, shares[i], share);
       }
     });
   }

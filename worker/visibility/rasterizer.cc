@@ -190,26 +190,10 @@ struct Rasterizer::Pool {
   }
 };
 
-Rasterizer::Rasterizer(int64_t most_bytes) : most_bytes_(most_bytes), pool_(std::make_unique<Pool>()) {}
+Rasterizer::Rasterizer() : pool_(std::make_unique<Pool>()) {}
 Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
-
-void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts,
-                           std::span<const CameraWindow> windows, std::vector<FaceMap>* maps, double near_m,
-                           std::span<const FaceSelection> selections) {
-  maps->resize(std::max(maps->size(), windows.size()));
-  const auto selection = [&](size_t view) { return selections.empty() ? FaceSelection() : selections[view]; };
-  const size_t together = std::min(windows.size(), MostAtOnce(mesh));
-  for (size_t first = 0; first < windows.size(); first += together) {
-    const size_t count = std::min(together, windows.size() - first);
-    const int threads_each = ThreadCount() / static_cast<int>(count);
-    ParallelForEach(count, 1, [&](size_t i) {
-      const size_t view = first + i;
-      DrawPart(mesh, parts[view], windows[view], &(*maps)[view], near_m, selection(view), threads_each);
-    });
-  }
-}
 
 void Rasterizer::DrawPart(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, FaceMap* map,
                           double near_m, const FaceSelection& selection, int threads) {
@@ -219,7 +203,7 @@ void Rasterizer::DrawPart(const TriangleMesh& mesh, const MeshPart& part, const 
 }
 
 size_t Rasterizer::MostAtOnce(const TriangleMesh& mesh) const {
-  const auto most_bytes = static_cast<size_t>(most_bytes_ > 0 ? most_bytes_ : LookaheadLimit_bytes(ThreadCount()));
+  const auto most_bytes = static_cast<size_t>(LookaheadLimit_bytes(ThreadCount()));
   return std::max<size_t>(1, most_bytes / (sizeof(GridVertex) * std::max<size_t>(1, mesh.vertices.size())));
 }
 

@@ -260,20 +260,52 @@ TEST(Unary, StepsGiveTheBitsOfFloatsForOwnFaces) {
 }
 
 TEST(Unary, SharesHaveEveryFaceOnce) {
-  FaceMap map;
-  map.width = 400;
-  map.height = 10;
-  for (int32_t f = 0; f < 4000; ++f) map.face.push_back(f % 7 == 0 ? -1 : f / 2 * 2);
-  const std::vector<uint8_t> steps = {17, 201, 238, 54};
-  FaceLikelihoods all(4000, 2), shared(4000, 2);
-  AddLikelihoods(map, {2, 1, steps}, {0.005, 0.1, 0, 0}, {}, &all);
-  for (int share = 2; share >= 0; --share) {
-    const std::vector<float> before = shared.pixels;
-    AddLikelihoods(map, {2, 1, steps}, {0.005, 0.1, 0, 0}, {}, &shared, {share, 3});
-    EXPECT_NE(shared.pixels, before) << "no share is empty";
+  for (const int width : {400, 64, 1}) {
+    FaceMap map;
+    map.width = width;
+    map.height = 4000 / width + 1;
+    map.face.assign(static_cast<size_t>(map.width) * map.height, -1);
+    for (int32_t f = 0; f < 4000; ++f) map.face[f] = f % 7 == 0 ? -1 : f / 2 * 2;
+    std::vector<uint8_t> own(4000, 1);
+    std::fill(own.begin() + 1000, own.begin() + 1100, 0);
+    const std::vector<uint8_t> steps = {17, 201, 238, 54};
+    const PixelMapping mapping = {2.0 / map.width, 1.0 / map.height, 0, 0};
+    FaceLikelihoods all(4000, 2), shared(4000, 2);
+    AddLikelihoods(map, {2, 1, steps}, mapping, own, &all);
+    const FaceShares shares(map, own, 4);
+    for (int share = 3; share >= 0; --share) {
+      const std::vector<float> before = shared.pixels;
+      AddLikelihoods(map, {2, 1, steps}, mapping, own, &shared, shares, share);
+      EXPECT_NE(shared.pixels, before) << "no share is empty";
+    }
+    EXPECT_EQ(shared.pixels, all.pixels);
+    EXPECT_EQ(shared.sum, all.sum);
   }
-  EXPECT_EQ(shared.pixels, all.pixels);
-  EXPECT_EQ(shared.sum, all.sum);
+}
+
+// Most of a map is passed over for one of many shares.
+TEST(Unary, RunsOfPixelsKnowTheirShares) {
+  FaceMap map;
+  map.width = 130;
+  map.height = 2;
+  map.face.assign(260, -1);
+  map.face[128] = 63 << 10;
+  map.face[130 + 63] = 64 << 10;
+  map.face[130 + 64] = 5;
+  const FaceShares shares(map, {}, FaceShares::kMost);
+  std::vector<uint8_t> not_5(65 << 10, 1);
+  not_5[5] = 0;
+  const FaceShares own(map, not_5, FaceShares::kMost);
+  for (int share = 0; share < FaceShares::kMost; ++share) {
+    for (int y = 0; y < 2; ++y) {
+      for (int run = 0; run < 3; ++run) {
+        const bool first = y == 1 && run == 0 && share == 0, second = y == 1 && run == 1 && share == 0;
+        const bool last = y == 0 && run == 2 && share == 63;
+        EXPECT_EQ(shares.InRun(share, y, run), first || second || last) << share << " " << y << " " << run;
+        EXPECT_EQ(own.InRun(share, y, run), first || last) << share << " " << y << " " << run;
+      }
+    }
+  }
 }
 
 }  // namespace

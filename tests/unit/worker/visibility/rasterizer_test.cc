@@ -76,48 +76,25 @@ TEST(Rasterizer, FacesOfGroupsThatAreNotSelectedHideWithoutTheirName) {
   for (uint32_t f = 0; f < mesh.faces.size(); ++f) groups.push_back(f < bounded ? f % 3 : 1);
   const std::vector<uint8_t> selected = {1, 0, 1};
   const FaceSelection selection = {groups.data(), selected.data()};
-  const CellBoxes boxes(mesh);
+  const CameraWindow window = LookingDown(60, 0.5);
+  const MeshPart part = CellBoxes(mesh).InWindow(window, kNearPlane_m);
   for (const int threads : {1, 2}) {
     const ThreadLimit limit(threads);
-    for (const int windows : {1, 3}) {
-      const std::vector<CameraWindow> views(windows, LookingDown(60, 0.5));
-      const std::vector<MeshPart> parts(windows, boxes.InWindow(views[0], kNearPlane_m));
-      std::vector<FaceMap> all, some;
-      Rasterizer rasterizer;
-      rasterizer.DrawParts(mesh, parts, views, &all);
-      rasterizer.DrawParts(mesh, parts, views, &some, kNearPlane_m, std::vector<FaceSelection>(windows, selection));
-      int hidden = 0, unbounded = 0;
-      for (size_t i = 0; i < all[0].face.size(); ++i) {
-        const int32_t face = all.back().face[i];
-        const bool named = face < 0 || groups[face] != 1;
-        EXPECT_EQ(some.back().face[i], named ? face : kNotSelected);
-        hidden += !named;
-        unbounded += face >= static_cast<int32_t>(bounded);
-      }
-      EXPECT_EQ(some.back().depth, all.back().depth);
-      EXPECT_GT(hidden, 1000);
-      EXPECT_GT(unbounded, 10);
+    FaceMap all, some;
+    Rasterizer rasterizer;
+    rasterizer.DrawPart(mesh, part, window, &all, kNearPlane_m, {}, threads);
+    rasterizer.DrawPart(mesh, part, window, &some, kNearPlane_m, selection, threads);
+    int hidden = 0, unbounded = 0;
+    for (size_t i = 0; i < all.face.size(); ++i) {
+      const int32_t face = all.face[i];
+      const bool named = face < 0 || groups[face] != 1;
+      EXPECT_EQ(some.face[i], named ? face : kNotSelected);
+      hidden += !named;
+      unbounded += face >= static_cast<int32_t>(bounded);
     }
-  }
-}
-
-TEST(Rasterizer, DrawsTheSameIfFewWindowsFitTheMemory) {
-  const TriangleMesh mesh = Terrain(24, 30, 8, 3);
-  std::vector<CameraWindow> windows;
-  for (int i = 0; i < 7; ++i) windows.push_back(LookingDown(50 + 2 * i, 0.5));
-  std::vector<MeshPart> parts;
-  for (const CameraWindow& window : windows) parts.push_back(CellBoxes(mesh).InWindow(window, kNearPlane_m));
-  std::vector<FaceMap> together;
-  Rasterizer().DrawParts(mesh, parts, windows, &together);
-  for (const size_t at_once : {0, 1, 3}) {
-    std::vector<FaceMap> maps;
-    Rasterizer(static_cast<int64_t>(at_once * sizeof(GridVertex) * mesh.vertices.size()))
-        .DrawParts(mesh, parts, windows, &maps);
-    ASSERT_EQ(maps.size(), windows.size());
-    for (size_t i = 0; i < maps.size(); ++i) {
-      EXPECT_EQ(maps[i].face, together[i].face) << at_once << " at once, window " << i;
-      EXPECT_EQ(maps[i].depth, together[i].depth) << at_once << " at once, window " << i;
-    }
+    EXPECT_EQ(some.depth, all.depth);
+    EXPECT_GT(hidden, 1000);
+    EXPECT_GT(unbounded, 10);
   }
 }
 
