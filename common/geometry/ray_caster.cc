@@ -8,12 +8,18 @@
 #include <cmath>
 #include <limits>
 #include <new>
+#include <vector>
+
+#include "common/base/parallel.h"
 
 namespace tessera {
 namespace {
 
 // Limits the instruction set, so that hits on edges are equal on all machines.
 constexpr char kDeviceConfig[] = "max_isa=avx2";
+
+constexpr size_t kQuickScenes = 16;  // each built on one thread; a ray is tested against all
+constexpr int64_t kCopyGrain = 1 << 14;
 
 struct DeviceRelease {
   void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
@@ -36,15 +42,16 @@ struct ClippedRay {
 
 struct RayCaster::Impl {
   DevicePtr device;
-  ScenePtr scene;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   Eigen::AlignedBox3d box;  // relative to the centre, padded
-  // Owned by Embree; valid as long as the scene.
-  const float* vertices = nullptr;
-  const uint32_t* faces = nullptr;
+  // Read by Embree: valid as long as the scenes.
+  std::vector<float> vertices;
+  std::vector<Triangle> faces;
+  std::vector<ScenePtr> scenes;  // each of faces_of_scene consecutive faces, the last of the rest
+  size_t faces_of_scene = 0;
 
   Eigen::Vector3d Vertex(uint32_t index) const {
-    const float* p = vertices + 3 * size_t{index};
+    const float* p = &vertices[3 * size_t{index}];
     return {p[0], p[1], p[2]};
   }
 
@@ -70,6 +77,29 @@ struct RayCaster::Impl {
     out.begin_m = near_m;
     out.end_m = far_m;
     return true;
+  }
+
+  // Returns Embree's error on this thread.
+  RTCError MakeScene(size_t index, RayTree tree) {
+    RTCScene scene = rtcNewScene(device.get());
+    scenes[index].reset(scene);
+    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+    const RTCBuildQuality quality = tree == RayTree::kQuick ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
+    rtcSetSceneBuildQuality(scene, quality);
+    RTCGeometry geometry = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
+    rtcSetGeometryBuildQuality(geometry, quality);
+    const size_t first = index * faces_of_scene;
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, vertices.data(), 0,
+                               3 * sizeof(float), vertices.size() / 3);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, &faces[first], 0, sizeof(Triangle),
+                               std::min(faces_of_scene, faces.size() - first));
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(scene, geometry);
+    rtcReleaseGeometry(geometry);
+    // Build the tree on one thread. Else the order of faces in it would depend on the number of threads, and so would
+    // the face that a ray through a common edge hits.
+    tbb::task_arena(1).execute([&] { rtcCommitScene(scene); });
+    return rtcGetDeviceError(device.get());
   }
 
   static RTCRay ToEmbree(const ClippedRay& ray) {
@@ -98,35 +128,21 @@ RayCaster::RayCaster(const MeshSpans& mesh, RayTree tree) : impl_(std::make_uniq
 
   impl_->device.reset(rtcNewDevice(kDeviceConfig));
   if (!impl_->device) throw std::bad_alloc();
-  RTCDevice device = impl_->device.get();
-  impl_->scene.reset(rtcNewScene(device));
-  rtcSetSceneFlags(impl_->scene.get(), RTC_SCENE_FLAG_ROBUST);
-  const RTCBuildQuality quality = tree == RayTree::kQuick ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
-  rtcSetSceneBuildQuality(impl_->scene.get(), quality);
-  RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  rtcSetGeometryBuildQuality(geometry, quality);
-  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                               3 * sizeof(float), mesh.vertices.size()));
-  auto* faces = static_cast<uint32_t*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                               sizeof(Triangle), mesh.faces.size()));
-  if (vertices == nullptr || faces == nullptr) {
-    rtcReleaseGeometry(geometry);
-    throw std::bad_alloc();
-  }
-  for (size_t v = 0; v < mesh.vertices.size(); ++v) {
+  // Embree reads 16 bytes at the last vertex.
+  impl_->vertices.resize(3 * mesh.vertices.size() + 1);
+  ParallelForEach(mesh.vertices.size(), kCopyGrain, [&](size_t v) {
     const Eigen::Vector3d local = mesh.vertices[v] - impl_->centre;
-    for (int axis = 0; axis < 3; ++axis) vertices[3 * v + axis] = static_cast<float>(local[axis]);
+    for (int axis = 0; axis < 3; ++axis) impl_->vertices[3 * v + axis] = static_cast<float>(local[axis]);
+  });
+  impl_->faces.assign(mesh.faces.begin(), mesh.faces.end());
+  const size_t count = tree == RayTree::kQuick ? kQuickScenes : 1;
+  impl_->faces_of_scene = (mesh.faces.size() + count - 1) / count;
+  impl_->scenes.resize((mesh.faces.size() + impl_->faces_of_scene - 1) / impl_->faces_of_scene);
+  std::vector<RTCError> errors(impl_->scenes.size());
+  ParallelForEach(errors.size(), 1, [&](size_t i) { errors[i] = impl_->MakeScene(i, tree); });
+  for (const RTCError error : errors) {
+    if (error != RTC_ERROR_NONE) throw std::bad_alloc();
   }
-  for (size_t f = 0; f < mesh.faces.size(); ++f) std::copy(mesh.faces[f].begin(), mesh.faces[f].end(), faces + 3 * f);
-  impl_->vertices = vertices;
-  impl_->faces = faces;
-  rtcCommitGeometry(geometry);
-  rtcAttachGeometry(impl_->scene.get(), geometry);
-  rtcReleaseGeometry(geometry);
-  // Build the tree on one thread. Else the order of faces in it would depend on the number of threads, and so would the
-  // face that a ray through a common edge hits.
-  tbb::task_arena(1).execute([this] { rtcCommitScene(impl_->scene.get()); });
-  if (rtcGetDeviceError(device) != RTC_ERROR_NONE) throw std::bad_alloc();
 }
 
 RayCaster::~RayCaster() = default;
@@ -137,23 +153,26 @@ RayHit RayCaster::Cast(const Eigen::Vector3d& origin, const Eigen::Vector3d& dir
   RayHit hit;
   const double length = direction.norm();
   ClippedRay ray;
-  if (!impl_->scene || !(length > 0) || !std::isfinite(length)) return hit;
+  if (impl_->scenes.empty() || !(length > 0) || !std::isfinite(length)) return hit;
   if (!impl_->Clip(origin, direction / length, near * length, far * length, ray)) return hit;
 
   RTCRayHit query{};
   query.ray = Impl::ToEmbree(ray);
-  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  rtcIntersect1(impl_->scene.get(), &context, &query);
-  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return hit;
+  for (size_t i = 0; i < impl_->scenes.size(); ++i) {
+    query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    rtcIntersect1(impl_->scenes[i].get(), &context, &query);
+    if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) continue;
+    hit.face = static_cast<int64_t>(i * impl_->faces_of_scene + query.hit.primID);
+  }
+  if (!hit.hit()) return hit;
 
-  hit.face = query.hit.primID;
   double along_m = query.ray.tfar;
   hit.u = query.hit.u;
   hit.v = query.hit.v;
   // Embree computes in float, so compute the intersection with the face's plane again in double.
-  const uint32_t* face = impl_->faces + 3 * static_cast<size_t>(hit.face);
+  const Triangle& face = impl_->faces[static_cast<size_t>(hit.face)];
   const Eigen::Vector3d a = impl_->Vertex(face[0]);
   const Eigen::Vector3d ab = impl_->Vertex(face[1]) - a;
   const Eigen::Vector3d ac = impl_->Vertex(face[2]) - a;
@@ -174,13 +193,15 @@ bool RayCaster::Occluded(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
   const Eigen::Vector3d segment = to - from;
   const double length = segment.norm();
   ClippedRay ray;
-  if (!impl_->scene || !(length > 0) || !std::isfinite(length)) return false;
+  if (impl_->scenes.empty() || !(length > 0) || !std::isfinite(length)) return false;
   if (!impl_->Clip(from, segment / length, margin_m, length - margin_m, ray)) return false;
   RTCRay query = Impl::ToEmbree(ray);
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  rtcOccluded1(impl_->scene.get(), &context, &query);
-  return query.tfar < 0;
+  return std::any_of(impl_->scenes.begin(), impl_->scenes.end(), [&](const ScenePtr& scene) {
+    rtcOccluded1(scene.get(), &context, &query);
+    return query.tfar < 0;
+  });
 }
 
 }  // namespace tessera
