@@ -95,7 +95,7 @@ int64_t MemoryLimit_bytes() {
 
 int64_t LookaheadLimit_bytes(int threads) {
   static const int64_t share_bytes = MemoryLimit_bytes() / 32;
-  return std::min(share_bytes, std::max(int64_t{256} << 20, int64_t{threads} << 24));
+  return std::min(share_bytes, std::max(int64_t{256} << 20, int64_t{threads} << 25));
 }
 
 void SetMemoryLimit(int64_t bytes) { UserLimit_bytes() = bytes > 0 ? bytes : kNoLimit; }

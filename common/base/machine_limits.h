@@ -20,7 +20,7 @@ double GroupCoreLimit(const std::string& root = "");
 int64_t MemoryLimit_bytes();
 
 // Bound on each kind of buffer that a task has only to give this number of threads work: a 32nd of MemoryLimit_bytes at
-// the first call, at most 256 MiB or, if that is more, 16 MiB a thread. Predictions of a task's memory are for two
+// the first call, at most 256 MiB or, if that is more, 32 MiB a thread. Predictions of a task's memory are for two
 // threads; with this bound, more threads take little of a worker's memory.
 int64_t LookaheadLimit_bytes(int threads);
 

@@ -8,6 +8,11 @@ namespace {
 
 constexpr int kStripsPerThread = 4;  // that are evaluated together: they take unequal times
 
+// A thread opens a view of the next references in about the time that all strips of a reference take. With two threads
+// one opens a view while the other evaluates a reference. Many threads need about two references each: views take
+// unequal times, and the loop ends with the longest.
+int64_t ReferencesAtOnce(int threads) { return std::max(1, 2 * threads - 3); }
+
 }  // namespace
 
 ViewSchedule::ViewSchedule(const std::vector<ViewPair>& pairs, size_t views, double ahead_bytes)
@@ -58,9 +63,7 @@ size_t ViewSchedule::EndOfBatch(size_t step, const ReferenceWork& work, size_t l
   add(step);
   size_t end = step + 1;
   for (; end < limit; ++end) {
-    // A reference for each thread but one: a thread opens a view of the next references in about the time that all
-    // strips of a reference take.
-    if (strips >= kStripsPerThread * work.threads && references >= work.threads - 1) break;
+    if (strips >= kStripsPerThread * work.threads && references >= ReferencesAtOnce(work.threads)) break;
     if (work.strips(end) > 0 && work.bytes_each * references > ahead_bytes_) break;
     add(end);
   }

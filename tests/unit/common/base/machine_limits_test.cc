@@ -95,7 +95,7 @@ TEST(MachineLimitsDeathTest, LookaheadIsASmallShareOfTheMemory) {
     const auto is = [&](int threads, int64_t most_mib) {
       return LookaheadLimit_bytes(threads) == std::min(share, most_mib * mib);
     };
-    return is(1, 256) && is(16, 256) && is(20, 320) && is(64, 1024);
+    return is(1, 256) && is(8, 256) && is(10, 320) && is(64, 2048);
   };
   EXPECT_EXIT(std::exit(grows_with_threads() ? 7 : 1), testing::ExitedWithCode(7), "");
 }

@@ -110,15 +110,15 @@ TEST(ViewScheduleTest, ViewsThatAreNotNeededYetFitTheBound) {
   EXPECT_EQ(large.Open(0, many, [](size_t) { return 2 * kAhead_bytes; }), Range(0, 3));
 }
 
-TEST(ViewScheduleTest, AFewStripsForEachThreadAndAReferenceForAllButOneAreEvaluatedTogether) {
+TEST(ViewScheduleTest, AFewStripsAndUpToTwoReferencesForEachThreadAreEvaluatedTogether) {
   const std::vector<ViewPair> pairs = Neighbours(30, 2);
   ViewSchedule schedule(pairs, 30, kAhead_bytes);
   schedule.Open(0, {100, Strips(1), 1}, Nothing);
   EXPECT_EQ(schedule.EndOfBatch(0, {1, Strips(3), 1}), 2u);   // 4 strips
   EXPECT_EQ(schedule.EndOfBatch(5, {4, Strips(3), 1}), 11u);  // 16 strips
   EXPECT_EQ(schedule.EndOfBatch(5, {2, Strips(99), 1}), 6u);
-  EXPECT_EQ(schedule.EndOfBatch(5, {4, Strips(99), 1}), 8u);
-  EXPECT_EQ(schedule.EndOfBatch(5, {16, Strips(99), 1}), 20u);
+  EXPECT_EQ(schedule.EndOfBatch(5, {4, Strips(99), 1}), 10u);
+  EXPECT_EQ(schedule.EndOfBatch(5, {12, Strips(99), 1}), 26u);
   EXPECT_EQ(schedule.EndOfBatch(20, {100, Strips(3), 1}), 30u);
   // The first reference does not count.
   EXPECT_EQ(schedule.EndOfBatch(5, {100, Strips(3), kAhead_bytes / 3}), 9u);
