@@ -2,12 +2,13 @@
 
 #include <algorithm>
 
+#include "common/base/loops/indices_where.h"
 #include "common/base/parallel.h"
 
 namespace tessera {
 namespace {
 
-constexpr int64_t kVertexGrain = 4096;
+constexpr int64_t kVertexGrain = 4096, kSideGrain = 1 << 14;
 
 }  // namespace
 
@@ -39,16 +40,19 @@ std::vector<FaceSide> SortedSides(const std::vector<Triangle>& faces) {
 
 std::vector<MeshEdge> EdgeList(const std::vector<Triangle>& faces) {
   const std::vector<FaceSide> sides = SortedSides(faces);
-  std::vector<MeshEdge> edges;
-  edges.reserve(sides.size() / 2 + 1);
-  for (const FaceSide& side : sides) {
-    if (edges.empty() || edges.back().a != side.a || edges.back().b != side.b) {
-      edges.push_back({side.a, side.b, -1, -1});
+  const std::vector<uint32_t> first = IndicesWhere(sides.size(), kSideGrain, [&](uint32_t s) {
+    return s == 0 || sides[s].a != sides[s - 1].a || sides[s].b != sides[s - 1].b;
+  });
+  std::vector<MeshEdge> edges(first.size());
+  ParallelForEach(edges.size(), kSideGrain, [&](size_t e) {
+    MeshEdge& edge = edges[e] = {sides[first[e]].a, sides[first[e]].b, -1, -1};
+    const size_t end = e + 1 < first.size() ? first[e + 1] : sides.size();
+    for (size_t s = first[e]; s < end; ++s) {
+      const uint32_t face = sides[s].face_corner / 3;
+      const bool left = faces[face][sides[s].face_corner % 3] == edge.a;
+      (left ? edge.left : edge.right) = static_cast<int32_t>(face);
     }
-    const uint32_t face = side.face_corner / 3;
-    const bool left = faces[face][side.face_corner % 3] == side.a;
-    (left ? edges.back().left : edges.back().right) = static_cast<int32_t>(face);
-  }
+  });
   return edges;
 }
 

@@ -78,7 +78,7 @@ void PrintFolds(const SurfaceProblem& problem, const std::vector<Eigen::Vector3d
   const int64_t begin_us = clock.MonotonicUs();
   const std::vector<FacePair> before = IntersectingFacePairs(problem.mesh);
   const int64_t between_us = clock.MonotonicUs();
-  const std::vector<FacePair> after = IntersectingFacePairs({vertices, problem.mesh.faces, {}});
+  const std::vector<FacePair> after = IntersectingFacePairs(TriangleMesh{vertices, problem.mesh.faces, {}});
   const int64_t end_us = clock.MonotonicUs();
   std::printf("faces against the smoothed start: %ld at the start, %ld after\n",
               static_cast<long>(guard.InvertedFaces(problem.mesh.vertices)),

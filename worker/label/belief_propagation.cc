@@ -76,12 +76,12 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
 
 std::vector<float> LabelConfidence(int classes, const std::vector<float>& beliefs, const std::vector<int32_t>& labels) {
   std::vector<float> confidence(labels.size());
-  for (size_t f = 0; f < labels.size(); ++f) {
+  ParallelForEach(labels.size(), kGrain, [&](size_t f) {
     const float* belief = &beliefs[f * classes];
     float sum = 0;
     for (int l = 0; l < classes; ++l) sum += std::exp(belief[labels[f]] - belief[l]);
     confidence[f] = 1 / sum;
-  }
+  });
   return confidence;
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "common/base/loops/indices_where.h"
 #include "common/base/parallel.h"
 
 namespace tessera {
@@ -18,7 +19,7 @@ bool ViolatesPrior(const SceneClass& c, double angle_rad) {
 
 }  // namespace
 
-LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges,
+LabelField BuildLabelField(const MeshSpans& mesh, const std::vector<MeshEdge>& edges,
                            const FaceLikelihoods& likelihoods, const std::vector<SceneClass>& classes,
                            const Eigen::Vector3d& up, double gsd_m, const LabelOptions& options) {
   const bool paper = options.form == LabelOptions::Form::kPaper;
@@ -47,14 +48,17 @@ LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>
     }
   });
 
-  field.edges.reserve(edges.size());
-  for (const MeshEdge& edge : edges) {
-    if (edge.left < 0 || edge.right < 0 || edge.left == edge.right) continue;
+  const std::vector<uint32_t> inner = IndicesWhere(edges.size(), kGrain, [&](uint32_t e) {
+    return edges[e].left >= 0 && edges[e].right >= 0 && edges[e].left != edges[e].right;
+  });
+  field.edges.resize(inner.size());
+  ParallelForEach(inner.size(), kGrain, [&](size_t i) {
+    const MeshEdge& edge = edges[inner[i]];
     const double weight = paper ? FaceArea(mesh, edge.left) + FaceArea(mesh, edge.right)
                                 : (mesh.vertices[edge.a] - mesh.vertices[edge.b]).norm() / unit_edge_m;
-    field.edges.push_back({static_cast<uint32_t>(edge.left), static_cast<uint32_t>(edge.right),
-                           static_cast<float>(options.smoothness_weight * weight)});
-  }
+    field.edges[i] = {static_cast<uint32_t>(edge.left), static_cast<uint32_t>(edge.right),
+                      static_cast<float>(options.smoothness_weight * weight)};
+  });
   return field;
 }
 

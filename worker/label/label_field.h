@@ -49,7 +49,7 @@ struct LabelOptions {
 // in the mesh's frame. `gsd_m`: of the job. classes.size() == likelihoods.classes. The caller fills `cell`.
 // For a submesh with vertices and faces in the same order, the result is the same field without the other faces:
 // unaries and weights depend on single faces and edges, and EdgeList's order is that of the vertices.
-LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges,
+LabelField BuildLabelField(const MeshSpans& mesh, const std::vector<MeshEdge>& edges,
                            const FaceLikelihoods& likelihoods, const std::vector<SceneClass>& classes,
                            const Eigen::Vector3d& up, double gsd_m, const LabelOptions& options);
 

@@ -89,7 +89,9 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
 
 PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const PhotoOptions& options, const ViewGroups* groups)
     : views_(*views), options_(options), groups_(groups), maps_(views->size()), targets_(views->size()) {
-  for (size_t v = 0; groups != nullptr && v < views->size(); ++v) selected_.push_back(groups->SelectedIn(v));
+  if (groups == nullptr) return;
+  selected_.resize(views->size());
+  ParallelForEach(views->size(), 1, [&](size_t v) { selected_[v] = groups->SelectedIn(v); });
 }
 
 // The best fitting buffers, so that small views do not keep large buffers.

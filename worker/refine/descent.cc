@@ -105,14 +105,15 @@ std::vector<uint8_t> UnionOfFlags(std::vector<uint8_t> a, const std::vector<uint
   return a;
 }
 
-MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& boundary, const MotionLimits& limits,
+MotionGuard::MotionGuard(const StartSurface& start, const std::vector<uint8_t>& boundary, const MotionLimits& limits,
                          const std::vector<uint8_t>& frozen)
     : limits_(limits),
-      fixed_(UnionOfFlags(boundary, frozen)),
-      faces_(start.faces),
-      faces_of_vertex_(FacesOfVertices(start)),
-      start_(start.vertices) {
-  smoothed_ = SmoothedPositions(start, faces_of_vertex_, boundary, limits.start_smoothing_steps);
+      surface_(start),
+      faces_(surface_.mesh().faces),
+      faces_of_vertex_(surface_.faces_of_vertex()),
+      start_(surface_.mesh().vertices),
+      fixed_(UnionOfFlags(boundary, frozen)) {
+  smoothed_ = SmoothedPositions(surface_.mesh(), faces_of_vertex_, boundary, limits.start_smoothing_steps);
   start_normals_.resize(faces_.size());
   ParallelForEach(faces_.size(), kGrain, [&](size_t f) {
     start_normals_[f] = CrossAt(faces_[f], smoothed_).stableNormalized().cast<float>();
@@ -182,11 +183,11 @@ int64_t MotionGuard::InvertedFaces(const Positions& at) const {
   return count;
 }
 
-void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const {
+void MotionGuard::LimitFolding(const Positions& at, double min_turn_cosine, Positions* step) const {
   constexpr double kMinAreaShare = 0.1;  // relative to the area before the step
   const auto folds = [&](uint32_t f) {
     const Triangle& t = faces_[f];
-    const Vector3d &p = mesh.vertices[t[0]], &q = mesh.vertices[t[1]], &r = mesh.vertices[t[2]];
+    const Vector3d &p = at[t[0]], &q = at[t[1]], &r = at[t[2]];
     const Vector3d &u = (*step)[t[0]], &v = (*step)[t[1]], &w = (*step)[t[2]];
     const Vector3d before = (q - p).cross(r - p), after = (q + v - p - u).cross(r + w - p - u);
     const double before2 = before.squaredNorm(), after2 = after.squaredNorm();
@@ -208,7 +209,7 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
   // From here on only faces next to a changed vertex can be newly folded. First the steps are averaged over the
   // corners of folding faces, then shortened. A vertex changes once per pass, however many of its faces fold, so the
   // result does not depend on the order of faces.
-  std::vector<uint8_t> changed(mesh.vertices.size()), is_touched(faces_.size());
+  std::vector<uint8_t> changed(at.size()), is_touched(faces_.size());
   std::vector<uint32_t> vertices, touched;
   Positions level;
   for (int pass = 0; pass < kFoldingPasses && !bad.empty(); ++pass) {
@@ -228,7 +229,7 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
       });
       ParallelForEach(vertices.size(), kFoldGrain, [&](size_t i) {
         const uint32_t v = vertices[i];
-        if (fixed_.empty() || !fixed_[v]) (*step)[v] = Braked(v, mesh.vertices[v], level[i]);
+        if (fixed_.empty() || !fixed_[v]) (*step)[v] = Braked(v, at[v], level[i]);
       });
     } else {
       for (uint32_t v : vertices) (*step)[v] *= 0.5;
@@ -252,15 +253,15 @@ StepDependencyRadius StepDependencyRadiusOf(int smoothing_sweeps, const MotionLi
   return radius;
 }
 
-std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo, const SmoothTerm& smooth,
-                                  const InterTerm* inter, const MotionGuard& guard, const StepOptions& options,
-                                  const std::vector<Vector3f>& last) {
+std::vector<Vector3d> ComputeStep(const std::vector<Vector3d>& at, const PhotoDerivatives& photo,
+                                  const SmoothTerm& smooth, const InterTerm* inter, const MotionGuard& guard,
+                                  const StepOptions& options, const std::vector<Vector3f>& last) {
   std::vector<Vector3d> rhs, step;
-  smooth.Gradient(mesh.vertices, options.weights, &rhs);
+  smooth.Gradient(at, options.weights, &rhs);
   InterCurvature inter_curvature;
   if (options.inter > 0) {
-    inter->AddGradient(mesh.vertices, options.inter, photo.pairs, &rhs);
-    inter_curvature = inter->Curvature(mesh.vertices, options.inter, photo.pairs);
+    inter->AddGradient(at, options.inter, photo.pairs, &rhs);
+    inter_curvature = inter->Curvature(at, options.inter, photo.pairs);
   }
   ParallelForEach(rhs.size(), kGrain, [&](size_t v) { rhs[v] = -(rhs[v] + photo.gradient[v]); });
   smooth.SolveStep(photo.curvature, rhs, options.weights, options.smoothing_sweeps, &step,
@@ -277,16 +278,16 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
     const double length = s.norm();
     if (length > options.max_step_m) s *= options.max_step_m / length;
   });
-  guard.LimitDisplacement(mesh.vertices, &step);
+  guard.LimitDisplacement(at, &step);
   if (options.grid_m > 0) {
     ParallelForEach(step.size(), kGrain, [&](size_t v) {
-      const Vector3d& from = mesh.vertices[v];
+      const Vector3d& from = at[v];
       if (step[v].isZero(0)) return;  // fixed
       const Vector3d to = options.grid_m * ((from + step[v]) / options.grid_m).array().round().matrix();
       if (guard.Contains(v, to)) step[v] = to - from;
     });
   }
-  guard.LimitFolding(mesh, options.min_turn_cosine, &step);
+  guard.LimitFolding(at, options.min_turn_cosine, &step);
   return step;
 }
 

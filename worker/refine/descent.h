@@ -12,6 +12,7 @@
 #include "worker/refine/inter_term.h"
 #include "worker/refine/one_rings.h"
 #include "worker/refine/smooth_term.h"
+#include "worker/refine/start_surface.h"
 #include "worker/refine/vertex_sums.h"
 
 namespace tessera {
@@ -45,7 +46,7 @@ class MotionGuard {
 
   // `boundary`, `frozen`: flags of vertices that do not move, one per vertex or empty. `boundary` vertices keep their
   // position in the smoothed start, `frozen` ones are smoothed. The mesh need not be manifold.
-  MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& boundary, const MotionLimits& limits,
+  MotionGuard(const StartSurface& start, const std::vector<uint8_t>& boundary, const MotionLimits& limits,
               const std::vector<uint8_t>& frozen = {});
 
   // Shortens steps that would leave the vertices' ellipsoids.
@@ -62,7 +63,7 @@ class MotionGuard {
   // allows, whose area would collapse, or that would be inverted against the smoothed start. No step becomes longer
   // than the longest one around it. In each pass a vertex depends only on its own faces, hence on kFoldingPasses
   // rings in total. Faces that still fold afterwards are left; SurfaceRepair undoes the motion if they are inverted.
-  void LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const;
+  void LimitFolding(const Positions& at, double min_turn_cosine, Positions* step) const;
 
   // Whether the face satisfies min_start_cosine in `to`, or did not in `from` and is no worse. Reads the face's
   // corners, and the start within start_smoothing_steps rings of them.
@@ -88,10 +89,12 @@ class MotionGuard {
   Eigen::Vector3d InBall(size_t vertex, const Eigen::Vector3d& from_start) const;
 
   MotionLimits limits_;
+  StartSurface surface_;
+  const std::vector<Triangle>& faces_;
+  const CsrRows& faces_of_vertex_;
+  const Positions& start_;
   std::vector<uint8_t> fixed_;  // boundary or frozen
-  std::vector<Triangle> faces_;
-  CsrRows faces_of_vertex_;
-  Positions start_, smoothed_;
+  Positions smoothed_;
   std::vector<Eigen::Vector3f> start_normals_;   // per face
   std::vector<Eigen::Vector3f> vertex_normals_;  // of the smoothed start
 };
@@ -138,13 +141,13 @@ struct StepOptions {
 
 StepDependencyRadius StepDependencyRadiusOf(int smoothing_sweeps, const MotionLimits& limits);
 
-// The damped Gauss-Newton step of data and smoothness terms at `mesh`: solves (curvatures + A) step = -(gradients),
-// applies the acceleration with `last` (the previous iteration's step; empty: none), limits each vertex's length, and
-// applies `guard`. `inter`: may be null if its weight is 0. Boundaries of horizontal surfaces keep their position in
-// plan. Zero at fixed vertices. A vertex's step depends only on the rings given by StepDependencyRadiusOf, to the last
-// bit. It depends on the order of vertices and faces only through their relative order, so a submesh that keeps the
-// order gives the same bytes as the whole mesh.
-std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
+// The damped Gauss-Newton step of data and smoothness terms at the positions `at`: solves (curvatures + A) step =
+// -(gradients), applies the acceleration with `last` (the previous iteration's step; empty: none), limits each vertex's
+// length, and applies `guard`. `inter`: may be null if its weight is 0. Boundaries of horizontal surfaces keep their
+// position in plan. Zero at fixed vertices. A vertex's step depends only on the rings given by StepDependencyRadiusOf,
+// to the last bit. It depends on the order of vertices and faces only through their relative order, so a submesh that
+// keeps the order gives the same bytes as the whole mesh.
+std::vector<Eigen::Vector3d> ComputeStep(const std::vector<Eigen::Vector3d>& at, const PhotoDerivatives& photo,
                                          const SmoothTerm& smooth, const InterTerm* inter, const MotionGuard& guard,
                                          const StepOptions& options, const std::vector<Eigen::Vector3f>& last = {});
 

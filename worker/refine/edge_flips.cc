@@ -213,7 +213,7 @@ void FlipGroup(TriangleMesh* mesh) {
     if (changed.empty()) return;
     boxes.Refit(*mesh);
     const std::vector<FacePair> cut = boxes.Intersections(*mesh, changed);
-    if (attempt == 0 && !cut.empty()) cut_before = IntersectingFacePairs({mesh->vertices, before, {}});
+    if (attempt == 0 && !cut.empty()) cut_before = IntersectingFacePairs(TriangleMesh{mesh->vertices, before, {}});
     const std::vector<FacePair> new_pairs = NewPairs(cut_before, cut);
     if (new_pairs.empty()) return;
     mesh->faces = before;

@@ -28,38 +28,34 @@ CsrRows FacesOfVertices(const TriangleMesh& mesh) {
   return rows;
 }
 
-OneRings FindOneRings(const TriangleMesh& mesh) {
+OneRings FindOneRings(const TriangleMesh& mesh, const CsrRows& faces_of_vertex) {
   const size_t n = mesh.vertices.size();
   OneRings rings;
-  // Both directions of every face's edges, bucketed by their first vertex. Counting sort instead of maps keeps this
-  // linear, and sorted neighbours make all later sums independent of the order of faces.
-  std::vector<uint32_t> first(n + 1, 0);
-  for (const Triangle& face : mesh.faces) {
-    for (uint32_t v : face) first[v + 1] += 2;
-  }
-  for (size_t v = 0; v < n; ++v) first[v + 1] += first[v];
-  std::vector<uint32_t> ends(first[n]), next(first.begin(), first.end() - 1);
-  for (const Triangle& face : mesh.faces) {
-    for (int k = 0; k < 3; ++k) {
-      const uint32_t a = face[k], b = face[(k + 1) % 3];
-      ends[next[a]++] = b;
-      ends[next[b]++] = a;
-    }
-  }
+  // The ends of every face's edges at each vertex. Sorted, they make all later sums independent of the order of faces.
+  std::vector<uint32_t> ends(2 * faces_of_vertex.items.size());
+  const auto first = [&](size_t v) { return 2 * static_cast<size_t>(faces_of_vertex.offsets[v]); };
   rings.begin.assign(n + 1, 0);
   rings.on_boundary.assign(n, 0);
   rings.along_boundary.resize(n);
   // Calls body(neighbour, faces at the edge) for the neighbours of v, ascending.
   const auto for_neighbours = [&](size_t v, const auto& body) {
-    for (uint32_t i = first[v]; i < first[v + 1];) {
-      uint32_t end = i;
-      while (end < first[v + 1] && ends[end] == ends[i]) ++end;
-      body(ends[i], end - i);
+    for (size_t i = first(v); i < first(v + 1);) {
+      size_t end = i;
+      while (end < first(v + 1) && ends[end] == ends[i]) ++end;
+      body(ends[i], static_cast<uint32_t>(end - i));
       i = end;
     }
   };
   ParallelForEach(n, kGrain, [&](size_t v) {
-    std::sort(ends.begin() + first[v], ends.begin() + first[v + 1]);
+    uint32_t* const begin = ends.data() + first(v);
+    uint32_t* end = begin;
+    for (const uint32_t f : faces_of_vertex[v]) {
+      const Triangle& face = mesh.faces[f];
+      const int k = face[0] == v ? 0 : face[1] == v ? 1 : 2;
+      *end++ = face[(k + 1) % 3];
+      *end++ = face[(k + 2) % 3];
+    }
+    std::sort(begin, end);
     std::array<uint32_t, 2> along = {static_cast<uint32_t>(v), static_cast<uint32_t>(v)};
     int rim_edges = 0;
     for_neighbours(v, [&](uint32_t neighbour, uint32_t faces) {

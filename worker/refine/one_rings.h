@@ -23,9 +23,10 @@ struct OneRings {
   uint32_t degree(size_t v) const { return begin[v + 1] - begin[v]; }
 };
 
-OneRings FindOneRings(const TriangleMesh& mesh);
-
 // The faces of each vertex, ascending.
 CsrRows FacesOfVertices(const TriangleMesh& mesh);
+
+// `faces_of_vertex`: of the mesh.
+OneRings FindOneRings(const TriangleMesh& mesh, const CsrRows& faces_of_vertex);
 
 }  // namespace tessera

@@ -8,7 +8,6 @@
 #include <iterator>
 #include <limits>
 #include <numeric>
-#include <optional>
 #include <utility>
 
 #include "common/base/loops/indices_where.h"
@@ -80,7 +79,7 @@ bool Meet(const Corners& a, const Corners& b, int shared) {
   return CGAL::do_intersect(first, second);
 }
 
-bool FacesMeet(const TriangleMesh& mesh, uint32_t f, uint32_t g) {
+bool FacesMeet(const MeshSpans& mesh, uint32_t f, uint32_t g) {
   Triangle s = mesh.faces[f], t = mesh.faces[g];
   int shared = 0;
   for (int i = 0; i < 3; ++i) {
@@ -99,9 +98,9 @@ bool FacesMeet(const TriangleMesh& mesh, uint32_t f, uint32_t g) {
 
 }  // namespace
 
-FaceBoxes::FaceBoxes(const TriangleMesh& mesh) {
+FaceBoxes::FaceBoxes(const MeshSpans& mesh) {
   std::vector<Vector3d> centroids(mesh.faces.size());
-  ParallelForEach(centroids.size(), kGrain, [&](size_t f) { centroids[f] = MeshSpans(mesh).Centroid(f); });
+  ParallelForEach(centroids.size(), kGrain, [&](size_t f) { centroids[f] = mesh.Centroid(f); });
   const std::vector<uint64_t> keys = MortonKeys(centroids);
   std::vector<std::pair<uint64_t, uint32_t>> coded(mesh.faces.size());
   ParallelForEach(coded.size(), kGrain, [&](size_t f) { coded[f] = {keys[f], static_cast<uint32_t>(f)}; });
@@ -111,7 +110,7 @@ FaceBoxes::FaceBoxes(const TriangleMesh& mesh) {
   Refit(mesh);
 }
 
-void FaceBoxes::Refit(const TriangleMesh& mesh) {
+void FaceBoxes::Refit(const MeshSpans& mesh) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const Box nothing = {{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}};
   face_boxes_.resize(order_.size());
@@ -156,7 +155,7 @@ bool FaceBoxes::Overlap(const Box& a, const Box& b) const {
          (a.low[2] <= b.high[2]) & (b.low[2] <= a.high[2]);
 }
 
-std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const std::vector<uint32_t>& active) const {
+std::vector<FacePair> FaceBoxes::Intersections(const MeshSpans& mesh, const std::vector<uint32_t>& active) const {
   if (active.empty()) return {};
   std::vector<uint8_t> is_active(mesh.faces.size());
   for (uint32_t f : active) is_active[f] = 1;
@@ -213,7 +212,7 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
   return pairs;
 }
 
-std::vector<FacePair> IntersectingFacePairs(const TriangleMesh& mesh) {
+std::vector<FacePair> IntersectingFacePairs(const MeshSpans& mesh) {
   std::vector<uint32_t> all(mesh.faces.size());
   std::iota(all.begin(), all.end(), 0u);
   return FaceBoxes(mesh).Intersections(mesh, all);
@@ -226,27 +225,28 @@ std::vector<FacePair> NewPairs(const std::vector<FacePair>& before, const std::v
 }
 
 SurfaceRepair::SurfaceRepair(const TriangleMesh& start, const CsrRows& faces_of_vertex)
-    : start_{start.vertices, start.faces, {}}, faces_of_vertex_(faces_of_vertex), boxes_(start) {}
+    : start_(start), faces_of_vertex_(faces_of_vertex), boxes_(start) {}
 
 // A motion from `good` to `proposed`, of which each vertex keeps a share in [0, 1].
 class SurfaceRepair::Motion {
  public:
   Motion(const std::vector<Triangle>& faces, const CsrRows& faces_of_vertex, const Positions& good, Positions proposed)
-      : faces_of_vertex_(faces_of_vertex),
+      : faces_(faces),
+        faces_of_vertex_(faces_of_vertex),
         good_(good),
         proposed_(std::move(proposed)),
+        at_(proposed_),
         share_(good.size(), 1),
-        mesh_{proposed_, faces, {}},
         rings_(good.size()) {}
 
-  const TriangleMesh& mesh() const { return mesh_; }
+  const Positions& at() const { return at_; }
   bool changed(uint32_t vertex) const { return share_[vertex] < 1 && proposed_[vertex] != good_[vertex]; }
 
   // Those of the faces `tested` (flags; empty: all) that have a moving corner, ascending.
   std::vector<uint32_t> MovingFaces(const std::vector<uint8_t>& tested) const {
     const auto moves = [&](uint32_t v) { return proposed_[v] != good_[v]; };
-    return IndicesWhere(mesh_.faces.size(), kGrain, [&](uint32_t f) {
-      return (tested.empty() || tested[f]) && std::any_of(mesh_.faces[f].begin(), mesh_.faces[f].end(), moves);
+    return IndicesWhere(faces_.size(), kGrain, [&](uint32_t f) {
+      return (tested.empty() || tested[f]) && std::any_of(faces_[f].begin(), faces_[f].end(), moves);
     });
   }
 
@@ -255,14 +255,14 @@ class SurfaceRepair::Motion {
     std::fill(rings_.begin(), rings_.end(), -1);
     std::vector<uint32_t> front, next, moved;
     for (uint32_t f : defective) {
-      for (uint32_t v : mesh_.faces[f]) Visit(v, 0, &front);
+      for (uint32_t v : faces_[f]) Visit(v, 0, &front);
     }
     for (int ring = 0; ring < pass.rings; ++ring) {
       for (uint32_t v : front) Reduce(v, pass.least + (1 - pass.least) * ring / pass.rings, &moved);
       next.clear();
       for (uint32_t v : front) {
         for (uint32_t f : faces_of_vertex_[v]) {
-          for (uint32_t w : mesh_.faces[f]) Visit(w, ring + 1, &next);
+          for (uint32_t w : faces_[f]) Visit(w, ring + 1, &next);
         }
       }
       std::swap(front, next);
@@ -278,11 +278,11 @@ class SurfaceRepair::Motion {
     for (int round = 0; round < kSmoothingPasses && !moved_last.empty(); ++round) {
       shares.clear();
       for (uint32_t f : moved_last) {
-        if (test(f, good_, mesh_.vertices)) continue;
-        const auto& [a, b, c] = mesh_.faces[f];
+        if (test(f, good_, at_)) continue;
+        const auto& [a, b, c] = faces_[f];
         const auto [least, most] = std::minmax({share_[a], share_[b], share_[c]});
         const double share = round + 2 >= kSmoothingPasses ? 0 : least == most ? 0.5 * least : least;
-        for (uint32_t v : mesh_.faces[f]) shares.push_back({v, share});
+        for (uint32_t v : faces_[f]) shares.push_back({v, share});
       }
       moved_last.clear();
       for (const auto& [v, share] : shares) Reduce(v, share, &moved_last);
@@ -308,45 +308,52 @@ class SurfaceRepair::Motion {
     if (share >= share_[v]) return;
     share_[v] = share;
     if (proposed_[v] == good_[v]) return;
-    mesh_.vertices[v] = good_[v] + share * (proposed_[v] - good_[v]);
+    at_[v] = good_[v] + share * (proposed_[v] - good_[v]);
     moved->insert(moved->end(), faces_of_vertex_[v].begin(), faces_of_vertex_[v].end());
   }
 
+  const std::vector<Triangle>& faces_;
   const CsrRows& faces_of_vertex_;
   const Positions& good_;
   const Positions proposed_;
+  Positions at_;
   std::vector<double> share_;
-  TriangleMesh mesh_;
   std::vector<int> rings_;  // distance from a defective face in the current pass; -1: not reached
 };
 
 SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices,
                                          const std::vector<uint8_t>& tested) {
   Motion motion(start_.faces, faces_of_vertex_, good, *vertices);
+  const auto mesh_at = [&](const Positions& positions) {
+    MeshSpans mesh;
+    mesh.vertices = positions;
+    mesh.faces = start_.faces;
+    return mesh;
+  };
   // Only faces that moved can have new defects.
   std::vector<uint32_t> active = motion.MovingFaces(tested), defective;
   Result result;
   std::vector<FacePair> cut;  // intersecting pairs that intersect neither at the start nor in `good`
-  std::optional<TriangleMesh> at_good;
   std::vector<uint8_t> is_defective(start_.faces.size()), moved(start_.faces.size());
   // Stop at the first pass without defects anywhere, since later passes would find the same. A region without defects
   // must not stop early on its own account, because the passes of other regions must not depend on it.
   for (size_t pass = 0;; ++pass) {
-    boxes_.Refit(motion.mesh());
+    boxes_.Refit(mesh_at(motion.at()));
     // Results for pairs of faces that have not moved since remain valid.
-    for (uint32_t f : active) moved[f] = 1;
-    std::erase_if(cut, [&](const FacePair& p) { return moved[p[0]] || moved[p[1]]; });
-    for (uint32_t f : active) moved[f] = 0;
-    for (const FacePair& p : boxes_.Intersections(motion.mesh(), active)) {
-      if (FacesMeet(start_, p[0], p[1])) continue;
-      if (!at_good) at_good = TriangleMesh{good, start_.faces, {}};
-      if (!FacesMeet(*at_good, p[0], p[1])) cut.push_back(p);
+    if (!cut.empty()) {
+      for (uint32_t f : active) moved[f] = 1;
+      std::erase_if(cut, [&](const FacePair& p) { return moved[p[0]] || moved[p[1]]; });
+      for (uint32_t f : active) moved[f] = 0;
     }
-    for (uint32_t f : defective) is_defective[f] = test && !test(f, good, motion.mesh().vertices);
+    for (const FacePair& p : boxes_.Intersections(mesh_at(motion.at()), active)) {
+      if (FacesMeet(start_, p[0], p[1])) continue;
+      if (!FacesMeet(mesh_at(good), p[0], p[1])) cut.push_back(p);
+    }
+    for (uint32_t f : defective) is_defective[f] = test && !test(f, good, motion.at());
     if (test) {
       ParallelForEach(active.size(), kGrain, [&](int64_t i) {
         const uint32_t f = active[static_cast<size_t>(i)];
-        is_defective[f] = !test(f, good, motion.mesh().vertices);
+        is_defective[f] = !test(f, good, motion.at());
       });
     }
     for (const FacePair& p : cut) is_defective[p[0]] = is_defective[p[1]] = 1;
@@ -357,8 +364,13 @@ SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& 
     if (test) motion.ReduceAtInvertedFaces(test, &active);
   }
   result.left = std::move(defective);
-  for (uint32_t v = 0; v < good.size(); ++v) result.changed_vertices += motion.changed(v);
-  *vertices = motion.mesh().vertices;
+  const auto vertex_count = static_cast<int64_t>(good.size());
+  result.changed_vertices = static_cast<int64_t>(ParallelSum(vertex_count, kGrain, [&](int64_t begin, int64_t end) {
+    double changed = 0;
+    for (int64_t v = begin; v < end; ++v) changed += motion.changed(static_cast<uint32_t>(v));
+    return changed;
+  }));
+  *vertices = motion.at();
   return result;
 }
 

@@ -19,13 +19,13 @@ using FacePair = std::array<uint32_t, 2>;
 // afterwards (Refit); large changes make queries slower but not wrong.
 class FaceBoxes {
  public:
-  explicit FaceBoxes(const TriangleMesh& mesh);
-  void Refit(const TriangleMesh& mesh);
+  explicit FaceBoxes(const MeshSpans& mesh);
+  void Refit(const MeshSpans& mesh);
 
   // Ascending pairs of faces that intersect other than in shared vertices or a shared edge, and of which at least one
   // is in `active` (ascending). Exact: CGAL's predicates decide where a bounded rounding error cannot. `mesh`: as in
   // the last Refit. Degenerate faces intersect nothing.
-  std::vector<FacePair> Intersections(const TriangleMesh& mesh, const std::vector<uint32_t>& active) const;
+  std::vector<FacePair> Intersections(const MeshSpans& mesh, const std::vector<uint32_t>& active) const;
 
  private:
   struct Box {
@@ -40,7 +40,7 @@ class FaceBoxes {
 };
 
 // All intersecting pairs. Takes about a microsecond per face.
-std::vector<FacePair> IntersectingFacePairs(const TriangleMesh& mesh);
+std::vector<FacePair> IntersectingFacePairs(const MeshSpans& mesh);
 
 // Pairs in `after` that are not in `before`; both ascending.
 std::vector<FacePair> NewPairs(const std::vector<FacePair>& before, const std::vector<FacePair>& after);
@@ -80,7 +80,7 @@ class SurfaceRepair {
   // last pass's rings first. It does not depend on the numbering of vertices and faces except for their order.
   static constexpr int RingsOf(const Pass& pass) { return pass.rings - 1 + kSmoothingPasses; }
 
-  // Pairs that intersect in `start` are accepted. `faces_of_vertex` must outlive the object.
+  // Pairs that intersect in `start` are accepted. Both must outlive the object.
   SurfaceRepair(const TriangleMesh& start, const CsrRows& faces_of_vertex);
 
   // `vertices`: positions that a stage produced from `good`. If no faces are left, no two faces intersect that did not
@@ -92,7 +92,7 @@ class SurfaceRepair {
  private:
   class Motion;
 
-  const TriangleMesh start_;
+  const TriangleMesh& start_;
   const CsrRows& faces_of_vertex_;
   FaceBoxes boxes_;
 };

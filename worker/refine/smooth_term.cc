@@ -17,12 +17,13 @@ constexpr int32_t kNoLabel = -1;
 
 }  // namespace
 
-SmoothTerm::SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& active)
-    : start_(mesh.vertices),
-      faces_(mesh.faces),
+SmoothTerm::SmoothTerm(const StartSurface& start, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& active)
+    : surface_(start),
+      start_(surface_.mesh().vertices),
+      faces_(surface_.mesh().faces),
+      faces_of_vertex_(surface_.faces_of_vertex()),
       fixed_(fixed),
-      faces_of_vertex_(FacesOfVertices(mesh)),
-      rings_(FindOneRings(mesh)) {
+      rings_(FindOneRings(surface_.mesh(), faces_of_vertex_)) {
   if (fixed_.empty()) fixed_.assign(start_.size(), 0);
   MakeLayout(active);
   SetLabels({}, {}, 0);
@@ -44,24 +45,20 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
     const bool given = label != kNoLabel && static_cast<size_t>(label) < classes.size();
     return given ? classes[label] : ClassSmoothness();
   };
-  std::vector<int32_t> label_at(n);
-  std::vector<uint8_t> met(n), has_anchor(n);
-  for (size_t f = 0; f < faces_.size(); ++f) {
-    const int32_t label = class_of(f);
-    const bool anchor = settings(label).anchor > 0;
-    for (uint32_t v : faces_[f]) {
-      if (met[v] && label_at[v] != label) mixed_[v] = 1;
-      met[v] = 1;
-      label_at[v] = label;
-      if (anchor) has_anchor[v] = 1;
+  std::vector<uint8_t> has_anchor(n);
+  ParallelForEach(n, kGrain, [&](size_t v) {
+    if (faces_of_vertex_[v].empty()) return;
+    const int32_t label = class_of(faces_of_vertex_[v][0]);
+    for (const uint32_t f : faces_of_vertex_[v]) {
+      if (class_of(f) != label) mixed_[v] = 1;
+      if (settings(class_of(f)).anchor > 0) has_anchor[v] = 1;
     }
-  }
-  for (size_t v = 0; v < n; ++v) {
-    if (met[v]) factor_[v] = mixed_[v] ? mixed : settings(label_at[v]).smoothness;
-  }
+    factor_[v] = mixed_[v] ? mixed : settings(label).smoothness;
+  });
   class_factor_ = factor_;
   FindDiagonals();
 
+  if (std::find(has_anchor.begin(), has_anchor.end(), 1) == has_anchor.end()) return;
   std::vector<uint32_t> slot(n);
   for (size_t v = 0; v < n; ++v) {
     slot[v] = static_cast<uint32_t>(anchored_.size());

@@ -9,6 +9,7 @@
 
 #include "common/geometry/mesh.h"
 #include "worker/refine/one_rings.h"
+#include "worker/refine/start_surface.h"
 
 namespace tessera {
 
@@ -47,9 +48,9 @@ class SmoothTerm {
   using Positions = std::vector<Eigen::Vector3d>;
 
   // `fixed`: flags of boundary and frozen vertices, one per vertex or empty. Mesh boundaries at fixed vertices get no
-  // terms. `mesh.vertices` is the start. One class of weight 1 until SetLabels; labels of `mesh` are ignored.
+  // terms. One class of weight 1 until SetLabels; labels of `start` are ignored.
   // `active`: flags of the vertices whose steps SolveStep computes; empty: all.
-  SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& active = {});
+  SmoothTerm(const StartSurface& start, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& active = {});
 
   // `labels`: one per face (-1 or 255: unlabelled, a class of its own with weight 1), or empty: one class of weight
   // 1. Classes beyond the end of `classes` have weight 1. Vertices whose faces have several labels get weight `mixed`
@@ -119,10 +120,11 @@ class SmoothTerm {
   // Weight of an edge with two faces.
   double EdgeFactor(uint32_t v, uint32_t w) const { return mixed_[v] ? factor_[w] : factor_[v]; }
 
-  Positions start_;
-  std::vector<Triangle> faces_;
+  StartSurface surface_;
+  const Positions& start_;
+  const std::vector<Triangle>& faces_;
+  const CsrRows& faces_of_vertex_;
   std::vector<uint8_t> fixed_;
-  CsrRows faces_of_vertex_;
   OneRings rings_;
   std::vector<double> class_factor_;      // ω of each vertex, including `mixed`; empty: no labels
   std::vector<double> factor_;            // the same, after Reweight

@@ -46,25 +46,22 @@ double LongestStep_m(const StepperOptions& options, double gsd_m, int level, int
   return (1 + 1e-6) * (MaxStep_m(options, gsd_m, level, iteration) + half_diagonal * Grid_m(options, gsd_m));
 }
 
-Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary, double gsd_m,
-                 const Eigen::Vector3d& up, const StepperOptions& options, const std::vector<uint8_t>& active,
-                 const std::vector<uint8_t>& frozen)
-    : options_(options),
-      gsd_m_(gsd_m),
-      up_(up),
-      start_{start.vertices, start.faces, {}} {
+Stepper::Stepper(const StartSurface& start, const std::vector<int32_t>& labels, const std::vector<uint8_t>& boundary,
+                 double gsd_m, const Eigen::Vector3d& up, const StepperOptions& options,
+                 const std::vector<uint8_t>& active, const std::vector<uint8_t>& frozen)
+    : options_(options), gsd_m_(gsd_m), up_(up), start_(start) {
+  const std::vector<Triangle>& faces = start.mesh().faces;
   // Each takes time on one thread.
   const std::function<void()> parts[] = {
       [&] {
-        smooth_.emplace(start_, UnionOfFlags(boundary, frozen),
-                        Grown(active, start.faces, MotionGuard::kFoldingPasses));
+        smooth_.emplace(start_, UnionOfFlags(boundary, frozen), Grown(active, faces, MotionGuard::kFoldingPasses));
       },
       [&] {
-        if (options.inter > 0) inter_.emplace(start_, UnionOfFlags(boundary, frozen));
+        if (options.inter > 0) inter_.emplace(start_.mesh(), UnionOfFlags(boundary, frozen));
       },
       [&] { guard_.emplace(start_, boundary, MakeMotionLimits(options, gsd_m), frozen); }};
   ParallelForEach(std::size(parts), 1, [&](size_t i) { parts[i](); });
-  SetLabels(start.labels);
+  SetLabels(labels);
 }
 
 void Stepper::SetLabels(const std::vector<int32_t>& labels) {
@@ -72,8 +69,8 @@ void Stepper::SetLabels(const std::vector<int32_t>& labels) {
   if (inter_) inter_->SetLabels(labels);
 }
 
-std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
-                                           int iteration, const std::vector<Eigen::Vector3f>& last) {
+std::vector<Eigen::Vector3d> Stepper::Step(const std::vector<Eigen::Vector3d>& at, const PhotoDerivatives& derivatives,
+                                           int level, int iteration, const std::vector<Eigen::Vector3f>& last) {
   const double pixel_m = std::ldexp(gsd_m_, level), unit = 1 / (pixel_m * pixel_m);
   StepOptions step;
   step.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit, unit};
@@ -84,13 +81,13 @@ std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const Photo
   step.max_step_m = MaxStep_m(options_, gsd_m_, level, iteration);
   step.acceleration = options_.acceleration;
   step.half_effect_curvature = options_.half_effect_curvature * unit;
-  smooth_->Reweight(mesh.vertices, options_.creases);
-  return ComputeStep(mesh, derivatives, *smooth_, inter_ ? &*inter_ : nullptr, *guard_, step, last);
+  smooth_->Reweight(at, options_.creases);
+  return ComputeStep(at, derivatives, *smooth_, inter_ ? &*inter_ : nullptr, *guard_, step, last);
 }
 
 SurfaceRepair::Result Stepper::Repair(const std::vector<Eigen::Vector3d>& good,
                                       std::vector<Eigen::Vector3d>* positions) {
-  if (!repair_) repair_.emplace(start_, guard_->faces_of_vertex());
+  if (!repair_) repair_.emplace(start_.mesh(), guard_->faces_of_vertex());
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
     return guard_->KeepsOrientation(face, from, to);
   };

@@ -12,6 +12,7 @@
 #include "worker/refine/inter_term.h"
 #include "worker/refine/self_intersection.h"
 #include "worker/refine/smooth_term.h"
+#include "worker/refine/start_surface.h"
 #include "worker/refine/vertex_sums.h"
 
 namespace tessera {
@@ -44,22 +45,22 @@ struct StepperOptions {
 // (StepDependencyRadiusOf) and not on the number of threads.
 class Stepper {
  public:
-  // `start`: positions before the first round, with the current labels. Flags, one a vertex or empty for none:
+  // `start`: positions before the first round; `labels`: as in SetLabels. Flags, one a vertex or empty for none:
   // `boundary`: some faces about the vertex are missing, so it does not move; `frozen`: does not move, but all its
   // faces are there. `active` (empty: all): vertices whose steps are right; those of others are unspecified.
-  Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary, double gsd_m, const Eigen::Vector3d& up,
-          const StepperOptions& options, const std::vector<uint8_t>& active = {},
-          const std::vector<uint8_t>& frozen = {});
+  Stepper(const StartSurface& start, const std::vector<int32_t>& labels, const std::vector<uint8_t>& boundary,
+          double gsd_m, const Eigen::Vector3d& up, const StepperOptions& options,
+          const std::vector<uint8_t>& active = {}, const std::vector<uint8_t>& frozen = {});
 
   const MotionGuard& guard() const { return *guard_; }
 
-  // Replaces the labels of `start`.
+  // One a face, or empty.
   void SetLabels(const std::vector<int32_t>& labels);
 
-  // The step of iteration `iteration` (from 0) of a level, to be added to the positions of `mesh`. `last`: the step of
+  // The step of iteration `iteration` (from 0) of a level, to be added to the positions `at`. `last`: the step of
   // the iteration before; empty or zeros at the first. Not thread-safe.
-  std::vector<Eigen::Vector3d> Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
-                                    int iteration, const std::vector<Eigen::Vector3f>& last);
+  std::vector<Eigen::Vector3d> Step(const std::vector<Eigen::Vector3d>& at, const PhotoDerivatives& derivatives,
+                                    int level, int iteration, const std::vector<Eigen::Vector3f>& last);
 
   // Takes back the motion since `good` that turned faces or made them cut each other. Not thread-safe.
   SurfaceRepair::Result Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions);
@@ -68,7 +69,7 @@ class Stepper {
   const StepperOptions options_;
   const double gsd_m_;
   const Eigen::Vector3d up_;
-  const TriangleMesh start_;
+  const StartSurface start_;
   // Always there, but inter_ only if it has a weight; optional because they are created at the same time.
   std::optional<SmoothTerm> smooth_;
   std::optional<InterTerm> inter_;

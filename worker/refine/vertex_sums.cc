@@ -17,19 +17,15 @@ int CornerOf(const Triangle& face, size_t vertex) { return face[0] == vertex ? 0
 
 }  // namespace
 
-PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
+PhotoDerivatives GatherVertices(const MeshSpans& mesh, const CsrRows& faces_of_vertex,
                                 const std::vector<FaceSums>& sums, const ContourSums& contours) {
   std::vector<Vector3d> normals(mesh.faces.size());
   ParallelForEach(normals.size(), kGrain, [&](size_t f) { normals[f] = FaceNormal(mesh, f); });
-  std::vector<uint8_t> at_contour;
   std::vector<int32_t> contour_of_face;  // -1: none
   if (!contours.faces.empty()) {
-    at_contour.assign(mesh.vertices.size(), 0);
     contour_of_face.assign(mesh.faces.size(), -1);
-    for (size_t i = 0; i < contours.faces.size(); ++i) {
-      contour_of_face[contours.faces[i].face] = static_cast<int32_t>(i);
-      for (const uint32_t v : mesh.faces[contours.faces[i].face]) at_contour[v] = 1;
-    }
+    ParallelForEach(contours.faces.size(), kGrain,
+                    [&](size_t i) { contour_of_face[contours.faces[i].face] = static_cast<int32_t>(i); });
   }
   const size_t n = mesh.vertices.size();
   PhotoDerivatives out;
@@ -55,7 +51,7 @@ PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_o
     out.gradient[v] = scale * gradient;
     out.curvature[v] = scale * curvature;
     out.pairs[v] = pairs;
-    if (at_contour.empty() || !at_contour[v]) return;
+    if (contour_of_face.empty()) return;
     Vector3d pull = Vector3d::Zero();
     Matrix3d stiffness = Matrix3d::Zero();
     std::vector<int32_t>& views = *buffer;

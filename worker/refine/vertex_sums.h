@@ -22,7 +22,7 @@ struct PhotoDerivatives {
 
 // `sums`: one per face; `contours`: may be empty. A vertex depends only on its own faces, in their order, so every
 // submesh with all faces of a vertex gives it the same bytes. Does not depend on the number of threads.
-PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
+PhotoDerivatives GatherVertices(const MeshSpans& mesh, const CsrRows& faces_of_vertex,
                                 const std::vector<FaceSums>& sums, const ContourSums& contours);
 
 }  // namespace tessera

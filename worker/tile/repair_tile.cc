@@ -1,7 +1,9 @@
 #include "worker/tile/repair_tile.h"
 
 #include <cmath>
+#include <utility>
 
+#include "common/base/parallel.h"
 #include "worker/city/pick.h"
 #include "worker/tile/regions.h"
 
@@ -10,6 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
+constexpr int64_t kPositionGrain = 1 << 14;
 constexpr float kCertainCost = 10;  // of another label than the one that is carried through
 
 // Where each face may lie between two places, with room for what FaceBoxes rounds.
@@ -43,7 +46,8 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
       } else if (kept != nullptr) {
         good = kept->guard.RepairedStart();
       } else {
-        good = MotionGuard(region.mesh, region.boundary, MakeMotionLimits(options.step, package.gsd_m)).RepairedStart();
+        good =
+            MotionGuard(region.surface, region.boundary, MakeMotionLimits(options.step, package.gsd_m)).RepairedStart();
       }
       // Frozen vertices stay where they are.
       const std::vector<uint8_t> frozen = Pick(snapshot->frozen_vertices, region.vertices);
@@ -62,7 +66,8 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
       repaired = kept != nullptr ? RepairWithKept(*kept, region, core, options.step, good, &positions)
                                  : RepairCore(region, core, package.gsd_m, options.step, good, &positions);
     }
-    for (size_t v = 0; v < positions.size(); ++v) snapshot->positions[region.vertices[v]] = positions[v];
+    ParallelForEach(positions.size(), kPositionGrain,
+                    [&](size_t v) { snapshot->positions[region.vertices[v]] = positions[v]; });
     if (kept == nullptr) work.Forget(kRepairRegion);
   }
   snapshot->level_start.clear();
@@ -76,8 +81,8 @@ CoreRepair RepairWithKept(RegionRepair& kept, const RegionMesh& region, const st
                           std::vector<Vector3d>* positions) {
   RepairDependencyRadius radius = RepairDependencyRadiusOf(options);
   radius.start_rings = 0;  // the guard has the smoothed start of the whole region
-  const std::vector<uint8_t> tested = FacesForRepair(region.mesh, kept.guard.faces_of_vertex(), core, radius,
-                                                     SweptBoxes(region.mesh.faces, good, *positions));
+  const std::vector<uint8_t> tested = FacesForRepair(region.mesh(), kept.guard.faces_of_vertex(), core, radius,
+                                                     SweptBoxes(region.mesh().faces, good, *positions));
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
     return kept.guard.KeepsOrientation(face, from, to);
   };
@@ -91,24 +96,25 @@ CoreRepair RepairWithKept(RegionRepair& kept, const RegionMesh& region, const st
 CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core, double gsd_m,
                       const StepperOptions& options, const std::vector<Vector3d>& good,
                       std::vector<Vector3d>* positions) {
-  const TriangleMesh& all = region.mesh;
-  const CsrRows faces_of_vertex = FacesOfVertices(all);
+  const TriangleMesh& all = region.mesh();
+  const CsrRows& faces_of_vertex = region.surface.faces_of_vertex();
   const std::vector<uint8_t> read = FacesForRepair(all, faces_of_vertex, core, RepairDependencyRadiusOf(options),
                                                    SweptBoxes(all.faces, good, *positions));
-  const PickedMesh part = PickFlagged(all, read);
+  PickedMesh part = PickFlagged(all, read);
   std::vector<uint8_t> boundary;
   for (const uint32_t v : part.vertices) {
     bool some_missing = !region.boundary.empty() && region.boundary[v] != 0;
     for (const uint32_t f : faces_of_vertex[v]) some_missing |= !read[f];
     boundary.push_back(some_missing);
   }
-  const MotionGuard guard(part.mesh, boundary, MakeMotionLimits(options, gsd_m));
+  const StartSurface surface(std::move(part.mesh));
+  const MotionGuard guard(surface, boundary, MakeMotionLimits(options, gsd_m));
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
     return guard.KeepsOrientation(face, from, to);
   };
   std::vector<Vector3d> moved = Pick(*positions, part.vertices);
   const SurfaceRepair::Result repaired =
-      SurfaceRepair(part.mesh, guard.faces_of_vertex()).Run(Pick(good, part.vertices), keeps_facing, &moved);
+      SurfaceRepair(surface.mesh(), guard.faces_of_vertex()).Run(Pick(good, part.vertices), keeps_facing, &moved);
   for (size_t v = 0; v < moved.size(); ++v) (*positions)[part.vertices[v]] = moved[v];
   CoreRepair out;
   out.changed_vertices = repaired.changed_vertices;

@@ -18,6 +18,14 @@ using nlohmann::json;
 constexpr int64_t kGrain = 8192;
 constexpr float kFrozenCost = 1e9f;  // of changing the label of a frozen face: more than any edges weigh
 
+// The region's mesh at other positions.
+MeshSpans MeshAt(const RegionMesh& region, const std::vector<Vector3d>& positions) {
+  MeshSpans mesh;
+  mesh.vertices = positions;
+  mesh.faces = region.mesh().faces;
+  return mesh;
+}
+
 json* RoundReport(const RefineStep& step, json* report) {
   if (step.round < 0) return &(*report)["labels_first"];
   json& rounds = (*report)["rounds"];
@@ -51,13 +59,14 @@ void SolveIteration(TileWorkspace& work, const TileStep& at, const StepSums& sum
   }
   const RegionMesh& region = work.region(kSolveRegion);
   Stepper& stepper = work.SolveStepper(*snapshot, options);
-  const TriangleMesh mesh = {Pick(snapshot->positions, region.vertices), region.mesh.faces, {}};
+  const std::vector<Vector3d> positions = Pick(snapshot->positions, region.vertices);
+  const MeshSpans mesh = MeshAt(region, positions);
   const FaceDerivatives& derivatives = sums.derivatives;
   const std::vector<Vector3d> step = stepper.Step(
-      mesh, GatherVertices(mesh, stepper.guard().faces_of_vertex(), derivatives.photo.faces, derivatives.contours),
+      positions, GatherVertices(mesh, stepper.guard().faces_of_vertex(), derivatives.photo.faces, derivatives.contours),
       at.step.level, at.level_iteration, Pick(snapshot->last_step, region.vertices));
   ParallelForEach(step.size(), kGrain, [&](size_t v) {
-    snapshot->positions[region.vertices[v]] = mesh.vertices[v] + step[v];
+    snapshot->positions[region.vertices[v]] = positions[v] + step[v];
     snapshot->last_step[region.vertices[v]] = step[v].cast<float>();
   });
   (*report)["warped_pixels"] = report->value("warped_pixels", int64_t{0}) + sums.warped_pixels;
@@ -110,9 +119,8 @@ void Solve(TileWorkspace& work, const TileStep& at, const StepSums& sums, const 
 RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region, const std::vector<Vector3d>& positions,
                          const std::vector<int32_t>& start, const FaceLikelihoods& sums,
                          const TileRefineOptions& options, const std::vector<uint8_t>& frozen) {
-  const TriangleMesh mesh = {positions, region.mesh.faces, {}};
-  LabelField field =
-      BuildLabelField(mesh, EdgeList(mesh.faces), sums, package.classes, package.up, package.gsd_m, options.label);
+  LabelField field = BuildLabelField(MeshAt(region, positions), EdgeList(region.mesh().faces), sums, package.classes,
+                                     package.up, package.gsd_m, options.label);
   field.cell = region.cell;
   for (size_t f = 0; f < frozen.size(); ++f) {
     if (!frozen[f] || start[f] < 0) continue;

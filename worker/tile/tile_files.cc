@@ -231,6 +231,13 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const std::vector<int32_t> cells, file.Take<int32_t>("cells"));
   p.cell_at = Copy(ToRecords<std::array<int32_t, 2>>(std::span<const int32_t>(cells)));
   TESSERA_ASSIGN_OR_RETURN(p.cell_views, TakeRows("cell_views", static_cast<int64_t>(p.cell_at.size()), &file));
+  for (const std::vector<int32_t>& of_cell : p.cell_views) {
+    for (const int32_t view : of_cell) {
+      if (view >= 0 && static_cast<size_t>(view) < p.views.size()) continue;
+      return absl::DataLossError(
+          absl::StrCat(path, ": cell_views: found view ", view, ", expected 0 to ", p.views.size(), " - 1"));
+    }
+  }
   TESSERA_ASSIGN_OR_RETURN(p.cells.face_begin, TakeBegins("cell_faces", p.cell_at.size(), faces, &file));
   TESSERA_ASSIGN_OR_RETURN(p.cells.vertex_begin, TakeBegins("cell_vertices", p.cell_at.size(), vertices, &file));
   TESSERA_ASSIGN_OR_RETURN(p.vertex_ids, file.Take<uint32_t>("vertex_ids", vertices));

@@ -455,13 +455,14 @@ std::vector<ViewPair> PairsOf(const TilePackage& package, const std::vector<Refi
 
 ViewGroups GroupsOf(const TilePackage& package, const std::vector<RefineView>& views) {
   ViewGroups groups;
+  std::vector<uint8_t> of_cell(package.views.size(), 0);
   for (size_t c = 0; c < package.cell_at.size(); ++c) {
     groups.group_of_face.resize(package.cells.face_begin[c + 1], static_cast<uint32_t>(c));
-    const std::vector<int32_t>& of_cell = package.cell_views[c];
+    for (const int32_t view : package.cell_views[c]) of_cell[view] = 1;
     std::vector<uint8_t>& selected = groups.selected.emplace_back();
-    for (const RefineView& view : views) {
-      selected.push_back(std::binary_search(of_cell.begin(), of_cell.end(), view.index));
-    }
+    selected.reserve(views.size());
+    for (const RefineView& view : views) selected.push_back(of_cell[view.index]);
+    for (const int32_t view : package.cell_views[c]) of_cell[view] = 0;
   }
   return groups;
 }

@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
-#include <numeric>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/loops/parallel_sort.h"
 #include "common/base/machine_limits.h"
+#include "common/base/parallel.h"
 #include "worker/city/pick.h"
 #include "worker/tile/kept/idle_cache.h"
 #include "worker/tile/kept/kept_files.h"
@@ -16,6 +17,7 @@
 namespace tessera {
 namespace {
 
+constexpr int64_t kElementGrain = 1 << 14;
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
 // Approximate bytes per face.
@@ -89,13 +91,13 @@ Stepper& TileWorkspace::SolveStepper(const TileSnapshot& snapshot, const TileRef
     active.assign(part.vertices.size(), 0);
     for (size_t f = 0; f < part.faces.size(); ++f) {
       if (!(package_.regions[part.faces[f]] & kCoreRegion)) continue;
-      for (const uint32_t v : part.mesh.faces[f]) active[v] = 1;
+      for (const uint32_t v : part.mesh().faces[f]) active[v] = 1;
     }
   }
   stepper_.reset();
   stepper_ = std::make_unique<LabelledStepper>();
-  stepper_->stepper.emplace(TriangleMesh{part.mesh.vertices, part.mesh.faces, labels}, part.boundary, package_.gsd_m,
-                            package_.up, options.step, active, frozen);
+  stepper_->stepper.emplace(part.surface, labels, part.boundary, package_.gsd_m, package_.up, options.step, active,
+                            frozen);
   stepper_->labels = std::move(labels);
   stepper_->frozen = std::move(frozen);
   return *stepper_->stepper;
@@ -135,10 +137,16 @@ size_t TileWorkspace::bytes() const {
   return bytes;
 }
 
-TileWorkspace::ById::ById(const std::vector<uint32_t>& ids_of_places) : places(ids_of_places.size()) {
-  std::iota(places.begin(), places.end(), 0u);
-  std::sort(places.begin(), places.end(), [&](uint32_t a, uint32_t b) { return ids_of_places[a] < ids_of_places[b]; });
-  ids = Pick(ids_of_places, places);
+TileWorkspace::ById::ById(const std::vector<uint32_t>& ids_of_places) {
+  std::vector<uint64_t> sorted(ids_of_places.size());  // id and place
+  ParallelForEach(sorted.size(), kElementGrain, [&](size_t p) { sorted[p] = uint64_t{ids_of_places[p]} << 32 | p; });
+  ParallelSort(&sorted);
+  ids.resize(sorted.size());
+  places.resize(sorted.size());
+  ParallelForEach(sorted.size(), kElementGrain, [&](size_t i) {
+    ids[i] = static_cast<uint32_t>(sorted[i] >> 32);
+    places[i] = static_cast<uint32_t>(sorted[i]);
+  });
 }
 
 TileWorkspace::TileWorkspace(TilePackage package)
@@ -169,13 +177,14 @@ const RegionMesh& TileWorkspace::region(Region region) {
   std::vector<uint8_t> flags(mesh.faces.size());
   for (size_t f = 0; f < flags.size(); ++f) flags[f] = (package_.regions[f] & region) != 0;
   PickedMesh picked = PickFlagged(mesh, flags);
-  out.mesh = std::move(picked.mesh);
+  out.surface = std::move(picked.mesh);
   out.vertices = std::move(picked.vertices);
   out.faces = std::move(picked.faces);
   for (const uint32_t v : out.vertices) out.boundary.push_back((package_.cut_regions[v] & region) != 0);
-  for (const uint32_t f : out.faces) {
-    out.cell.push_back(LabelCellOf(package_.ground, package_.gsd_m, MeshSpans(mesh).Centroid(f)));
-  }
+  out.cell.resize(out.faces.size());
+  ParallelForEach(out.faces.size(), kElementGrain, [&](size_t i) {
+    out.cell[i] = LabelCellOf(package_.ground, package_.gsd_m, MeshSpans(mesh).Centroid(out.faces[i]));
+  });
   if (std::find(out.boundary.begin(), out.boundary.end(), 1) == out.boundary.end()) out.boundary.clear();
   return out;
 }

@@ -28,10 +28,11 @@ namespace tessera {
 
 // The faces of a region as a mesh, in the package's order.
 struct RegionMesh {
-  TriangleMesh mesh;                      // at the start, with the start's labels
+  StartSurface surface;                   // with the start's labels
   std::vector<uint32_t> vertices, faces;  // indices in the package
   std::vector<uint8_t> boundary;          // flags of vertices that have faces outside the region
   std::vector<Cell> cell;                 // LabelCellOf, per face
+  const TriangleMesh& mesh() const { return surface.mesh(); }
 };
 
 // The state of all vertices and faces of a package between two steps.
@@ -55,7 +56,7 @@ struct RegionRepair {
   MotionGuard guard;
   SurfaceRepair repair;
   RegionRepair(const RegionMesh& region, const MotionLimits& limits)
-      : guard(region.mesh, region.boundary, limits), repair(region.mesh, guard.faces_of_vertex()) {}
+      : guard(region.surface, region.boundary, limits), repair(region.mesh(), guard.faces_of_vertex()) {}
 };
 
 // An assembled snapshot, for the next task that reads the same states.

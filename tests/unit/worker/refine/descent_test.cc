@@ -55,14 +55,15 @@ TEST(Stepper, SetLabelsGivesTheStepsOfANewStepper) {
   data.curvature.assign(start.vertices.size(), Eigen::Matrix3d::Identity());
   data.pairs.assign(start.vertices.size(), 1);
   const TriangleMesh mesh = {Added(start.vertices, RandomSteps(start.vertices.size(), 0.01, 5)), start.faces, {}};
-  const auto step = [&](Stepper& stepper) { return stepper.Step(mesh, data, 0, 1, {}); };
-  Stepper changed(start, {}, 0.1, Vector3d::UnitZ(), options), made(other, {}, 0.1, Vector3d::UnitZ(), options);
+  const auto step = [&](Stepper& stepper) { return stepper.Step(mesh.vertices, data, 0, 1, {}); };
+  Stepper changed(start, start.labels, {}, 0.1, Vector3d::UnitZ(), options),
+      made(other, other.labels, {}, 0.1, Vector3d::UnitZ(), options);
   const Positions before = step(changed), expected = step(made);
   EXPECT_NE(before, expected) << "the labels matter";
   changed.SetLabels(other.labels);
   EXPECT_EQ(step(changed), expected);
   changed.SetLabels({});
-  Stepper unlabelled({start.vertices, start.faces, {}}, {}, 0.1, Vector3d::UnitZ(), options);
+  Stepper unlabelled(start, {}, {}, 0.1, Vector3d::UnitZ(), options);
   EXPECT_EQ(step(changed), step(unlabelled));
 }
 
@@ -84,9 +85,9 @@ TEST(Stepper, NoStepIsLongerThanItsBound) {
       data.pairs.assign(n, 1);
       std::vector<Eigen::Vector3f> last;
       for (const Vector3d& step : RandomSteps(n, 10, seed + 2)) last.push_back(step.cast<float>());
-      Stepper stepper(start, {}, gsd_m, Vector3d::UnitZ(), options);
+      Stepper stepper(start, start.labels, {}, gsd_m, Vector3d::UnitZ(), options);
       const double bound_m = LongestStep_m(options, gsd_m, level, iteration);
-      for (const Vector3d& step : stepper.Step(mesh, data, level, iteration, last)) {
+      for (const Vector3d& step : stepper.Step(mesh.vertices, data, level, iteration, last)) {
         longest = std::max(longest, step.norm() / bound_m);
       }
     }
@@ -102,13 +103,13 @@ TEST(Stepper, GroundBoundaryStaysInPlanAndWallBoundaryMayMove) {
   for (Vector3d& v : ground.vertices) v += 0.1 * Vector3d(random.Normal(), random.Normal(), random.Normal());
   StepperOptions options;
   const auto moved = [&](const TriangleMesh& start, const Vector3d& pull) {
-    Stepper stepper(start, {}, 0.1, Vector3d::UnitZ(), options);
+    Stepper stepper(start, start.labels, {}, 0.1, Vector3d::UnitZ(), options);
     TriangleMesh mesh = {start.vertices, start.faces, {}};
     PhotoDerivatives data;
     data.gradient.assign(start.vertices.size(), -pull);
     data.curvature.assign(start.vertices.size(), Eigen::Matrix3d::Identity());
     data.pairs.assign(start.vertices.size(), 1);
-    for (int i = 0; i < 20; ++i) mesh.vertices = Added(mesh.vertices, stepper.Step(mesh, data, 0, 0, {}));
+    for (int i = 0; i < 20; ++i) mesh.vertices = Added(mesh.vertices, stepper.Step(mesh.vertices, data, 0, 0, {}));
     return mesh.vertices;
   };
   const Positions after = moved(ground, Vector3d::Zero());
@@ -160,11 +161,11 @@ TEST(ComputeStep, MomentumActsOnlyWithDataEvidence) {
   options.weights = {1, 0.1, 0, 0};
   options.max_step_m = 1e3;
   options.min_turn_cosine = -1;  // no step is limited
-  const Positions plain = ComputeStep(mesh, data, smooth, &inter, guard, options);
+  const Positions plain = ComputeStep(mesh.vertices, data, smooth, &inter, guard, options);
   options.acceleration = {1.5, 0.8};
   options.half_effect_curvature = 2;
-  const Positions with = ComputeStep(mesh, data, smooth, &inter, guard, options, last);
-  const Positions first = ComputeStep(mesh, data, smooth, &inter, guard, options);  // no previous step
+  const Positions with = ComputeStep(mesh.vertices, data, smooth, &inter, guard, options, last);
+  const Positions first = ComputeStep(mesh.vertices, data, smooth, &inter, guard, options);  // no previous step
   const double share = 3.0 / (3 + 2);                                              // the trace of the curvature
   int moving = 0;
   for (size_t v = 0; v < n; ++v) {
@@ -206,7 +207,7 @@ TEST(MotionGuard, FoldingStepsAreShortened) {
   Positions step(mesh.vertices.size(), Vector3d::Zero());
   step[24] = Vector3d(2.5, 0, 0);  // across its neighbours
   step[8] = Vector3d(0, 0, 0.1);
-  MotionGuard(mesh, {}, {}).LimitFolding(mesh, 0.4, &step);
+  MotionGuard(mesh, {}, {}).LimitFolding(mesh.vertices, 0.4, &step);
   const TriangleMesh moved{Added(mesh.vertices, step), mesh.faces, {}};
   for (size_t f = 0; f < mesh.faces.size(); ++f) EXPECT_GE(FaceNormal(moved, f).dot(FaceNormal(mesh, f)), 0.4 - 1e-12);
   EXPECT_GT(step[24].x(), 0);
@@ -220,7 +221,7 @@ TEST(MotionGuard, FewFacesFoldAfterAnyStep) {
     const Positions wanted = RandomSteps(mesh.vertices.size(), 0.05 * static_cast<double>(1 << seed), seed);
     Positions step = wanted;
     const MotionGuard guard(mesh, {}, {});
-    guard.LimitFolding(mesh, 0.4, &step);
+    guard.LimitFolding(mesh.vertices, 0.4, &step);
     const TriangleMesh moved{Added(mesh.vertices, step), mesh.faces, {}};
     const auto folds = [&](const Positions& at) {
       const TriangleMesh after{at, mesh.faces, {}};
@@ -251,7 +252,7 @@ TEST(MotionGuard, SmallStepsNeverInvertAFace) {
     for (int i = 0; i < 60; ++i) {
       Positions step(mesh.vertices.size(), Vector3d::Zero());
       for (int v : {39, 40, 41}) step[v] = 0.08 * Vector3d(0.4, 1, i % 2 ? 0.9 : 0.5);  // a fan that is rolled over
-      guard.LimitFolding(mesh, 0.4, &step);
+      guard.LimitFolding(mesh.vertices, 0.4, &step);
       mesh.vertices = Added(mesh.vertices, step);
     }
     return guard.InvertedFaces(mesh.vertices);
@@ -269,7 +270,7 @@ TEST(MotionGuard, InvertedFaceOfTheStartMayOnlyImprove) {
   for (const double way : {1.0, -1.0}) {
     Positions step(start.vertices.size(), Vector3d::Zero());
     step[60] = way * Vector3d(-0.3, -0.06, 0.1);
-    guard.LimitFolding(start, -1, &step);
+    guard.LimitFolding(start.vertices, -1, &step);
     const Positions end = Added(start.vertices, step);
     for (uint32_t f = 0; f < start.faces.size(); ++f) EXPECT_TRUE(guard.KeepsOrientation(f, start.vertices, end));
     if (way > 0) {
@@ -298,7 +299,7 @@ TEST(MotionGuard, AveragingGivesFixedVerticesNoStep) {
     fixed[v] = 1;
     step[v].setZero();
   }
-  MotionGuard(mesh, fixed, {}).LimitFolding(mesh, 0.4, &step);
+  MotionGuard(mesh, fixed, {}).LimitFolding(mesh.vertices, 0.4, &step);
   for (size_t v = 0; v < fixed.size(); v += 3) EXPECT_EQ(step[v], Vector3d::Zero());
 }
 
@@ -378,7 +379,7 @@ TEST(MotionGuard, ResultIsIndependentOfThreads) {
     Positions step = RandomSteps(mesh.vertices.size(), 0.05, 3);
     const MotionGuard guard(mesh, {}, limits);
     guard.LimitDisplacement(mesh.vertices, &step);
-    guard.LimitFolding(mesh, 0.4, &step);
+    guard.LimitFolding(mesh.vertices, 0.4, &step);
     return step;
   };
   EXPECT_EQ(limited(1), limited(2));

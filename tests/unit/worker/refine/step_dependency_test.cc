@@ -39,7 +39,7 @@ struct StepInput {
     smooth.Reweight(mesh.vertices, creases);
     InterTerm inter(from, fixed);
     inter.SetLabels(mesh.labels);
-    return ComputeStep(mesh, photo, smooth, &inter, MotionGuard(from, fixed, limits), options, last);
+    return ComputeStep(mesh.vertices, photo, smooth, &inter, MotionGuard(from, fixed, limits), options, last);
   }
 };
 
@@ -196,13 +196,13 @@ TEST(StepDependency, FoldingPassDependsOnOneRing) {
     const std::vector<uint8_t> core = RandomCore(mesh, guard.faces_of_vertex(), random);
     const std::vector<int> from_core = RingsFrom(mesh.faces, guard.faces_of_vertex(), core);
     Positions whole = wanted;
-    guard.LimitFolding(mesh, 0.4, &whole);
+    guard.LimitFolding(mesh.vertices, 0.4, &whole);
     for (int rings = 0; rings <= MotionGuard::kFoldingPasses; ++rings) {
       Positions other = wanted;
       for (size_t v = 0; v < other.size(); ++v) {
         if (from_core[v] > rings) other[v] = length * RandomVector(random);
       }
-      guard.LimitFolding(mesh, 0.4, &other);
+      guard.LimitFolding(mesh.vertices, 0.4, &other);
       if (Differences(whole, other, nullptr, core) > 0) farthest = std::max(farthest, rings);
     }
     ASSERT_LT(farthest, MotionGuard::kFoldingPasses) << seed;

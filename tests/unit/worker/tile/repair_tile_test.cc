@@ -38,8 +38,8 @@ TEST(RepairCore, GivesTheCoreTheBytesOfTheWholeRegion) {
   for (uint64_t seed = 0; seed < 8; ++seed) {
     Random random(seed);
     RegionMesh region;
-    region.mesh = Sheets(260, 5, 0.5, random);
-    const TriangleMesh& mesh = region.mesh;
+    region.surface = Sheets(260, 5, 0.5, random);
+    const TriangleMesh& mesh = region.mesh();
     const Vector3d up = Vector3d::UnitZ();
     StepperOptions options;
     std::vector<Vector3d> good, proposed;
@@ -55,7 +55,7 @@ TEST(RepairCore, GivesTheCoreTheBytesOfTheWholeRegion) {
     }
     std::vector<Vector3d> whole = proposed, part = proposed, kept = proposed;
     constexpr double kGsd_m = 0.5;
-    Stepper(mesh, {}, kGsd_m, up, options).Repair(good, &whole);
+    Stepper(mesh, {}, {}, kGsd_m, up, options).Repair(good, &whole);
     const CoreRepair of_part = RepairCore(region, core, kGsd_m, options, good, &part);
     std::vector<uint8_t> own(mesh.vertices.size(), 0);
     for (size_t f = 0; f < core.size(); ++f) {

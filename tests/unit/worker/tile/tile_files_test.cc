@@ -117,6 +117,11 @@ TEST(TileFiles, InconsistentPackagesAreRejected) {
   p = OnePackage();
   p.cells.face_begin = {0, 2, 1};
   EXPECT_EQ(code(p), absl::StatusCode::kDataLoss);
+  for (const int32_t view : {-1, 2}) {
+    p = OnePackage();
+    p.cell_views[1].push_back(view);
+    EXPECT_EQ(code(p), absl::StatusCode::kDataLoss) << view;
+  }
   p = OnePackage();
   p.regions.clear();
   EXPECT_FALSE(code(p) == absl::StatusCode::kOk);

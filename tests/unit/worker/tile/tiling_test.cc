@@ -98,9 +98,10 @@ TEST(Tiling, UnseenFacesHaveZeroConfidence) {
   for (size_t f = 0; f < region.faces.size(); ++f) {
     if (f == unseen) continue;
     sums.pixels[f] = 10;
-    for (int l = 0; l < 3; ++l) sums.sum[3 * f + l] = l == region.mesh.labels[f] ? 8.0f : 1.0f;
+    for (int l = 0; l < 3; ++l) sums.sum[3 * f + l] = l == region.mesh().labels[f] ? 8.0f : 1.0f;
   }
-  const RegionLabels labelled = LabelRegion(tile.package(), region, region.mesh.vertices, region.mesh.labels, sums, {});
+  const RegionLabels labelled =
+      LabelRegion(tile.package(), region, region.mesh().vertices, region.mesh().labels, sums, {});
   ASSERT_EQ(labelled.confidence.size(), region.faces.size());
   for (size_t f = 0; f < region.faces.size(); ++f) EXPECT_EQ(labelled.confidence[f] == 0, f == unseen) << f;
 }
@@ -118,7 +119,7 @@ TEST(Tiling, FrozenFacesKeepTheirLabels) {
     sums.sum[3 * f] = 1000;  // evidence for class 0
   }
   const auto label = [&](const std::vector<uint8_t>& flags) {
-    return LabelRegion(tile.package(), region, region.mesh.vertices, start, sums, {}, flags).labels;
+    return LabelRegion(tile.package(), region, region.mesh().vertices, start, sums, {}, flags).labels;
   };
   const std::vector<int32_t> with = label(frozen), without = label({});
   int64_t zeros = 0;
