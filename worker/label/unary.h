@@ -33,26 +33,23 @@ struct LikelihoodSteps {
 // first_y moved to it, AddLikelihoods gives the same sums, bit for bit.
 PixelRect SampledPart(const PixelRect& window, const PixelMapping& mapping, int width, int height);
 
-// Adds one view: each pixel of `map` that sees a face adds the likelihoods at the position given by `mapping`.
-// `likelihoods`: one plane per class, sampled bilinearly, border values repeated. Not thread-safe on the same `sums`.
-void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
-                    FaceLikelihoods* sums);
 // Divides the faces that a view shows into disjoint sets, for loops that add the sets on several threads.
 class FaceShares {
  public:
-  static constexpr int kMost = 64;
+  static constexpr int kMost = 64;  // sets
+  static constexpr int kRun = 64;   // pixels of a row for which it is known which sets they show
 
   FaceShares() = default;
   // `own`: flags of the faces to add; empty: all. `count`: of the sets, a power of two up to kMost.
   FaceShares(const FaceMap& map, const std::vector<uint8_t>& own, int count);
 
+  // The set of a face.
   int Of(int32_t face) const { return (face >> kBlockBits) & (count_ - 1); }
 
-  // Whether a pixel of `run`, kRun pixels of row y that begin at column run * kRun, shows a face of `share`.
+  // Whether one of the kRun pixels of row y from column run * kRun shows a face of set `share`.
   bool InRun(int share, int y, int run) const {
     return count_ == 1 || runs_[static_cast<size_t>(y) * runs_of_row_ + run] >> share & 1;
   }
-  static constexpr int kRun = 64;
 
  private:
   static constexpr int kBlockBits = 10;  // neighbours share cache lines
@@ -60,8 +57,14 @@ class FaceShares {
   std::vector<uint64_t> runs_;  // a bit for each share
 };
 
-// The same, equal bit for bit to that of the likelihoods as floats, for the faces of `share` with a flag in `own`
-// (empty: all). `shares`: of this map and `own`.
+// Adds one view: each pixel of `map` that sees a face adds the likelihoods at the position given by `mapping`.
+// `likelihoods`: one plane per class, sampled bilinearly, border values repeated. Not thread-safe on the same `sums`.
+void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
+                    FaceLikelihoods* sums);
+
+// The same, equal bit for bit to that of the likelihoods as floats, for the faces of set `share` of `shares` with a
+// flag in `own` (empty: all). `shares`: made from this map and `own`. Thread-safe on the same `sums` for different
+// sets.
 void AddLikelihoods(const FaceMap& map, const LikelihoodSteps& likelihoods, const PixelMapping& mapping,
                     const std::vector<uint8_t>& own, FaceLikelihoods* sums, const FaceShares& shares = {},
                     int share = 0);

@@ -51,7 +51,7 @@ OneRings FindOneRings(const TriangleMesh& mesh, const CsrRows& faces_of_vertex) 
     uint32_t* end = begin;
     for (const uint32_t f : faces_of_vertex[v]) {
       const Triangle& face = mesh.faces[f];
-      const int k = face[0] == v ? 0 : face[1] == v ? 1 : 2;
+      const int k = CornerOf(face, v);
       *end++ = face[(k + 1) % 3];
       *end++ = face[(k + 2) % 3];
     }

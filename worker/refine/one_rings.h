@@ -23,6 +23,9 @@ struct OneRings {
   uint32_t degree(size_t v) const { return begin[v + 1] - begin[v]; }
 };
 
+// The first corner of a face that is this vertex, which must be one of them.
+inline int CornerOf(const Triangle& face, size_t vertex) { return face[0] == vertex ? 0 : face[1] == vertex ? 1 : 2; }
+
 // The faces of each vertex, ascending.
 CsrRows FacesOfVertices(const TriangleMesh& mesh);
 

@@ -11,6 +11,7 @@ namespace tessera {
 // An immutable mesh with the faces of its vertices. Copies share both. Thread-safe.
 class StartSurface {
  public:
+  // Implicit. Takes the mesh over if it is moved in, else copies it.
   StartSurface(TriangleMesh mesh = {});
 
   const TriangleMesh& mesh() const;

@@ -54,7 +54,7 @@ class Stepper {
 
   const MotionGuard& guard() const { return *guard_; }
 
-  // One a face, or empty.
+  // Replaces the labels: one a face, or empty.
   void SetLabels(const std::vector<int32_t>& labels);
 
   // The step of iteration `iteration` (from 0) of a level, to be added to the positions `at`. `last`: the step of

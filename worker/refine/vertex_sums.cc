@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "common/base/parallel.h"
+#include "worker/refine/one_rings.h"
 
 namespace tessera {
 namespace {
@@ -12,8 +13,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr int64_t kGrain = 2048;
-
-int CornerOf(const Triangle& face, size_t vertex) { return face[0] == vertex ? 0 : face[1] == vertex ? 1 : 2; }
 
 }  // namespace
 

@@ -13,7 +13,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kMapBytes = 10;  // per pixel: face map, luminance
+constexpr double kMapBytes = 10;    // per pixel: face map, luminance
 constexpr int kSharesOfThread = 4;  // of the faces that views add likelihoods to
 constexpr int64_t kVertexGrain = 1 << 14;
 constexpr int kBandRows = 64;  // that are read at once, in the width of the crop

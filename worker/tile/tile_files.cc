@@ -234,8 +234,8 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
   for (const std::vector<int32_t>& of_cell : p.cell_views) {
     for (const int32_t view : of_cell) {
       if (view >= 0 && static_cast<size_t>(view) < p.views.size()) continue;
-      return absl::DataLossError(
-          absl::StrCat(path, ": cell_views: found view ", view, ", expected 0 to ", p.views.size(), " - 1"));
+      return absl::DataLossError(absl::StrCat(path, ": cell_views: found view ", view,
+                                              ", expected at least 0 and less than ", p.views.size()));
     }
   }
   TESSERA_ASSIGN_OR_RETURN(p.cells.face_begin, TakeBegins("cell_faces", p.cell_at.size(), faces, &file));

@@ -121,6 +121,8 @@ TEST(TileFiles, InconsistentPackagesAreRejected) {
     p = OnePackage();
     p.cell_views[1].push_back(view);
     EXPECT_EQ(code(p), absl::StatusCode::kDataLoss) << view;
+    EXPECT_EQ(ReadTilePackage(path).status().message(),
+              path + ": cell_views: found view " + std::to_string(view) + ", expected at least 0 and less than 2");
   }
   p = OnePackage();
   p.regions.clear();
