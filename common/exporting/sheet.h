@@ -46,13 +46,7 @@ struct Sheet {
   std::vector<Rgb> colors;                // per vertex, from the photographs; empty: not computed
   std::vector<uint8_t> shared;            // per vertex: 1 if faces of other sheets use it, else 0; empty: not known
 
-  MeshSpans mesh() const {
-    MeshSpans spans;
-    spans.vertices = vertices;
-    spans.faces = faces;
-    spans.labels = labels;
-    return spans;
-  }
+  MeshSpans mesh() const { return {vertices, faces, labels}; }
 };
 
 // Writes an array file, atomically.

@@ -30,7 +30,10 @@ struct MeshSpans {
   std::span<const int32_t> labels;
 
   MeshSpans() = default;
-  MeshSpans(const TriangleMesh& mesh) : vertices(mesh.vertices), faces(mesh.faces), labels(mesh.labels) {}
+  MeshSpans(const TriangleMesh& mesh) : MeshSpans(mesh.vertices, mesh.faces, mesh.labels) {}
+  MeshSpans(std::span<const Eigen::Vector3d> positions, std::span<const Triangle> triangles,
+            std::span<const int32_t> face_labels = {})
+      : vertices(positions), faces(triangles), labels(face_labels) {}
   const Eigen::Vector3d& Corner(size_t face, int k) const { return vertices[faces[face][k]]; }
   Eigen::Vector3d Centroid(size_t face) const { return (Corner(face, 0) + Corner(face, 1) + Corner(face, 2)) / 3; }
 };

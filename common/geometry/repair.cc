@@ -20,13 +20,6 @@ void Warn(const DefectCount& defect, const std::string& what, const std::string&
   warnings->push_back(absl::StrCat("mesh: ", defect.count, " ", what, " (first: ", first, " ", defect.first, ")"));
 }
 
-MeshSpans Spans(std::span<const Eigen::Vector3d> vertices, std::span<const Triangle> faces) {
-  MeshSpans mesh;
-  mesh.vertices = vertices;
-  mesh.faces = faces;
-  return mesh;
-}
-
 // Cutting is local and needs no decision about the right surface, which makes the result unique: each fan of faces gets
 // its own copy of a vertex, so every edge with inconsistent faces becomes boundary edges. The lowest fan keeps the
 // original vertex, so that clean parts of the mesh keep their vertex order.
@@ -132,7 +125,7 @@ StatusOr<RepairedMesh> RepairMesh(const TriangleMesh& mesh, const RepairOptions&
 
 StatusOr<std::vector<uint32_t>> DropStrayFaces(const RepairOptions& options, std::span<Eigen::Vector3d> vertices,
                                                std::span<Triangle> faces, MeshDefects* defects) {
-  const StrayFaces stray = FindStrayFaces(Spans(vertices, faces), options.views, options.file_origin);
+  const StrayFaces stray = FindStrayFaces(MeshSpans(vertices, faces), options.views, options.file_origin);
   if (stray.faces.empty()) return std::vector<uint32_t>();
   const double share = static_cast<double>(stray.faces.size()) / static_cast<double>(faces.size());
   if (share > kMaxStrayShare) {
@@ -151,7 +144,7 @@ StatusOr<std::vector<uint32_t>> DropStrayFaces(const RepairOptions& options, std
 StatusOr<bool> WeldAndTurn(const RepairOptions& options, std::span<const Eigen::Vector3d> vertices,
                            std::span<const uint64_t> open_edges, FaceOrientation* orientation,
                            std::span<Triangle> faces, MeshDefects* defects) {
-  const MeshSpans mesh = Spans(vertices, faces);
+  const MeshSpans mesh(vertices, faces);
   std::vector<CoincidentEdges> edges = FindCoincidentEdges(mesh, open_edges);
   for (const CoincidentEdges& e : edges) orientation->Join(e.faces[0], e.faces[1], e.same_direction);
   TESSERA_ASSIGN_OR_RETURN(

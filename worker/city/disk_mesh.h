@@ -29,13 +29,7 @@ struct DiskMesh {
   bool float_positions = false;       // the scene's file stores floats
   double largest_coordinate_m = 0;    // in the scene's frame
 
-  MeshSpans spans() const {
-    MeshSpans mesh;
-    mesh.vertices = vertices.values();
-    mesh.faces = faces.values();
-    mesh.labels = labels.values();
-    return mesh;
-  }
+  MeshSpans spans() const { return {vertices.values(), faces.values(), labels.values()}; }
 };
 
 // Streams the scene's mesh into scratch files, in the local frame and rounded to the local grid. Checks, errors and

@@ -324,12 +324,7 @@ class SurfaceRepair::Motion {
 SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices,
                                          const std::vector<uint8_t>& tested) {
   Motion motion(start_.faces, faces_of_vertex_, good, *vertices);
-  const auto mesh_at = [&](const Positions& positions) {
-    MeshSpans mesh;
-    mesh.vertices = positions;
-    mesh.faces = start_.faces;
-    return mesh;
-  };
+  const auto mesh_at = [&](const Positions& positions) { return MeshSpans(positions, start_.faces); };
   // Only faces that moved can have new defects.
   std::vector<uint32_t> active = motion.MovingFaces(tested), defective;
   Result result;

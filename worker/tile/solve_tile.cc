@@ -18,14 +18,6 @@ using nlohmann::json;
 constexpr int64_t kGrain = 8192;
 constexpr float kFrozenCost = 1e9f;  // of changing the label of a frozen face: more than any edges weigh
 
-// The region's mesh at other positions.
-MeshSpans MeshAt(const RegionMesh& region, const std::vector<Vector3d>& positions) {
-  MeshSpans mesh;
-  mesh.vertices = positions;
-  mesh.faces = region.mesh().faces;
-  return mesh;
-}
-
 json* RoundReport(const RefineStep& step, json* report) {
   if (step.round < 0) return &(*report)["labels_first"];
   json& rounds = (*report)["rounds"];
@@ -60,7 +52,7 @@ void SolveIteration(TileWorkspace& work, const TileStep& at, const StepSums& sum
   const RegionMesh& region = work.region(kSolveRegion);
   Stepper& stepper = work.SolveStepper(*snapshot, options);
   const std::vector<Vector3d> positions = Pick(snapshot->positions, region.vertices);
-  const MeshSpans mesh = MeshAt(region, positions);
+  const MeshSpans mesh(positions, region.mesh().faces);
   const FaceDerivatives& derivatives = sums.derivatives;
   const std::vector<Vector3d> step = stepper.Step(
       positions, GatherVertices(mesh, stepper.guard().faces_of_vertex(), derivatives.photo.faces, derivatives.contours),
@@ -119,8 +111,8 @@ void Solve(TileWorkspace& work, const TileStep& at, const StepSums& sums, const 
 RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region, const std::vector<Vector3d>& positions,
                          const std::vector<int32_t>& start, const FaceLikelihoods& sums,
                          const TileRefineOptions& options, const std::vector<uint8_t>& frozen) {
-  LabelField field = BuildLabelField(MeshAt(region, positions), EdgeList(region.mesh().faces), sums, package.classes,
-                                     package.up, package.gsd_m, options.label);
+  LabelField field = BuildLabelField(MeshSpans(positions, region.mesh().faces), EdgeList(region.mesh().faces), sums,
+                                     package.classes, package.up, package.gsd_m, options.label);
   field.cell = region.cell;
   for (size_t f = 0; f < frozen.size(); ++f) {
     if (!frozen[f] || start[f] < 0) continue;

@@ -75,7 +75,7 @@ SurfacePoint PointOn(const std::vector<Triangle>& faces, const std::vector<Vecto
 class CoreSurface {
  public:
   CoreSurface(const std::vector<Triangle>& faces, const std::vector<Vector3d>& positions, RayTree tree)
-      : faces_(faces), positions_(positions), caster_(SpansOf(faces, positions), tree) {}
+      : faces_(faces), positions_(positions), caster_(MeshSpans(positions, faces), tree) {}
 
   SurfacePoint At(const FacePoint& point) const { return PointOn(faces_, positions_, point); }
   bool Sees(const PosedCamera& camera, const SurfacePoint& point) const {
@@ -85,13 +85,6 @@ class CoreSurface {
   }
 
  private:
-  static MeshSpans SpansOf(const std::vector<Triangle>& faces, const std::vector<Vector3d>& positions) {
-    MeshSpans spans;
-    spans.vertices = positions;
-    spans.faces = faces;
-    return spans;
-  }
-
   const std::vector<Triangle>& faces_;
   const std::vector<Vector3d>& positions_;
   const RayCaster caster_;

@@ -67,9 +67,7 @@ StatusOr<std::vector<std::string>> WriteRasterSheet(RasterContent content, const
 // The points of the surface at the centres of the pixels in rows [row0, row1). Normals point up.
 OrthoPoints PointsOfRows(const SheetRaster& raster, const RasterMap& map, const Eigen::Vector3d& up, int row0,
                          int row1) {
-  MeshSpans mesh;
-  mesh.vertices = raster.surface.local;
-  mesh.faces = raster.surface.faces;
+  const MeshSpans mesh(raster.surface.local, raster.surface.faces);
   OrthoPoints out;
   out.spacing_m = map.pixel_m();
   for (int row = row0; row < row1; ++row) {

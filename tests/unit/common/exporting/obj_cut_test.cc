@@ -70,12 +70,7 @@ double CutAreaOf(const MeshSpans& mesh) {
   for (size_t f = 0; f < mesh.faces.size(); ++f) area += FaceArea(mesh, f);
   return area;
 }
-MeshSpans CutSpansOf(const CutMesh& mesh) {
-  MeshSpans spans;
-  spans.vertices = mesh.vertices;
-  spans.faces = mesh.faces;
-  return spans;
-}
+MeshSpans CutSpansOf(const CutMesh& mesh) { return {mesh.vertices, mesh.faces}; }
 
 TEST(CutByRectsTest, NoFaceCrossesALineAndTheSurfaceStaysClosed) {
   const TileRects rects = CutRects();
@@ -132,10 +127,7 @@ TEST(CutByRectsTest, ALongFaceIsCutAtManyLines) {
   const CutMesh cut = CutByRects(vertices, faces, rects);
   EXPECT_EQ(cut.vertices.size(), 3u + 2 * 49);
   EXPECT_EQ(std::set<int32_t>(cut.tiles.begin(), cut.tiles.end()).size(), 50u);
-  MeshSpans whole;
-  whole.vertices = vertices;
-  whole.faces = faces;
-  EXPECT_NEAR(CutAreaOf(CutSpansOf(cut)), CutAreaOf(whole), 1e-12);
+  EXPECT_NEAR(CutAreaOf(CutSpansOf(cut)), CutAreaOf({vertices, faces}), 1e-12);
 }
 
 TEST(CutByRectsTest, VerticesOnLinesGiveNoPartsWithoutArea) {
